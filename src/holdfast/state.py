@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.errors import StateError
+from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.forest import Forest
 from holdfast.names import called
 from holdfast.spatial.frozen import (
     NOT_GIVEN,
@@ -105,6 +106,10 @@ def require_fit(chain: Any, state: Any) -> None:
     Raises:
         ModelError, StateError: naming what came instead.
     """
+    if isinstance(chain, Forest):
+        raise ModelError(
+            "chain: expected ClosedChain, got Forest, which answers holdfast.dynamics.forest_dynamics only"
+        )
     checks.instance(chain, ClosedChain, "chain")
     checks.instance(state, State, "state", StateError)
     state.fits(chain)

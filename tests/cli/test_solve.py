@@ -63,7 +63,7 @@ def test_trunk(solve, name, key):
     code, found = solve(TRUNKS, "--case", name, "--method", "all")
     assert code == 0
     solved = {answer["method"]: answer for answer in found if answer["status"] == "ok"}
-    assert set(solved) == {"sequential", "kkt"}
+    assert set(solved) == {"sequential", "kkt", "tree"}
     for answer in solved.values():
         assert set(answer["trunk"]) == {"qdd", key}
         assert len(answer["trunk"][key]) == 6

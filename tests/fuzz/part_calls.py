@@ -9,6 +9,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast import control, dynamics
+from holdfast.model import forest
 from tests.fuzz.calls import Later, call, everything, fixed, named, numbers_of, rigid, shown, state_of, stay
 
 # Parts.
@@ -134,6 +135,28 @@ def _inertial(body: Any) -> Any:
 def _of_arm(arm: Any, q: Any) -> Any:
     asked = (dynamics.tip_pose, dynamics.tip_jacobian, dynamics.link_poses, dynamics.joint_mass_matrix)
     return [ask(arm, q) for ask in asked]
+
+
+@call(
+    "forest_dynamics",
+    link=LINK,
+    joint={"kind": "planar", "across": np.array([1.0, 0.0, 0.0]), "armature": 0.1, "damping": 0.5},
+    tip=np.array(POSE),
+    terms=[(0, 0, 1.0)],
+    parent=None,
+    gravity=np.array([0.0, 0.0, -9.81]),
+    q=np.zeros(3),
+    qd=np.zeros(3),
+    tau=np.ones(3),
+    wrenches=np.zeros((1, 6)),
+    method="tree",
+)
+def _forest(link: Any, joint: Any, tip: Any, terms: Any, parent: Any, gravity: Any, **given: Any) -> Any:
+    made = forest.BodyJoint(**joint) if named(joint, forest.BodyJoint) else joint
+    body = forest.ForestBody(hf.Link(**link) if named(link, hf.Link) else link, made, parent)
+    pin = forest.Closure(None, 0, hf.Grasp("ball", tip), tip)
+    found = forest.Forest([body], [pin], [forest.JointCoupling(terms)], gravity)
+    return dynamics.forest_dynamics(found, **given).qdd
 
 
 # Paths and control.

@@ -213,7 +213,7 @@ def test_assembled():
 
 
 ROOT = Path(holdfast.__file__).parent
-TABLES = ("grasp_kinds", "joint_types")
+TABLES = ("grasp_kinds", "joint_kinds", "joint_types")
 NAMES = {*GRASP_KINDS, *JOINT_TYPES}
 # MuJoCo's joints, shapes and motions, which share a name with a grasp
 SHAPES = {"robots/primitive.py", "model/visuals.py", "robots/urdf/visuals.py", "view/link_meshes.py"}

@@ -18,8 +18,8 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.diagnose import Diagnosis
 from holdfast.dynamics.diagnose import diagnose as diagnosis_of
 from holdfast.errors import SceneError, StateError
-from holdfast.io.case_file import Case
-from holdfast.io.force_case import ForceCase
+from holdfast.io.case_file import AnyCase
+from holdfast.io.forest_case import ForestCase
 
 BEGINS_JSON = re.compile(rb"\s*(\{|\[\s*[{\]])")  # TOML never begins like this, because a table's name follows `[`
 
@@ -72,8 +72,10 @@ def diagnose(
     return 0 if any(isinstance(outcome, Diagnosis) for _, outcome in found) else EXIT_REFUSED
 
 
-def _diagnosis(case: Case | ForceCase) -> Diagnosis | str:
-    """Return the diagnosis, or why the state is inconsistent with the chain."""
+def _diagnosis(case: AnyCase) -> Diagnosis | str:
+    """Return the diagnosis, or why there is none: the state is inconsistent with the chain, or a forest is asked."""
+    if isinstance(case, ForestCase):
+        return "not_applicable: a forest answers forward dynamics only; try holdfast solve"
     with np.errstate(all="ignore"):
         try:
             motion = chain_motion(

@@ -131,7 +131,7 @@ class ForceAnswer:
         names = ["least_violation"]
         names += ["value", "tau", "qdd", "alpha_C", "f", "margin", "peak", "scale"] if decided else []
         pairs = [(found[name], getattr(expected, name)) for name in names]
-        errors = [_relative_error(got, wanted) for got, wanted in pairs if wanted is not None and got is not None]
+        errors = [relative_error(got, wanted) for got, wanted in pairs if wanted is not None and got is not None]
         return max(errors, default=0.0)
 
     def as_json(self) -> dict[str, object]:
@@ -146,7 +146,8 @@ class ForceAnswer:
         }
 
 
-def _relative_error(got: object, wanted: object) -> float:
+def relative_error(got: object, wanted: object) -> float:
+    """Return max|x - e| / max(1, max|e|)."""
     a, b = np.asarray(got, dtype=float), np.asarray(wanted, dtype=float)
     return float(np.abs(a - b).max(initial=0.0)) / max(1.0, float(np.abs(b).max(initial=0.0)))
 

@@ -14,7 +14,8 @@ from rich.table import Table
 
 from holdfast.cli.console import print_document, read_input, stdout, with_progress
 from holdfast.cli.force_answers import METHOD as FORCE_METHOD
-from holdfast.cli.force_answers import ForceAnswer, force_answer
+from holdfast.cli.force_answers import ForceAnswer, force_answer, relative_error
+from holdfast.cli.forest_answers import ForestAnswer, forest_answers
 from holdfast.cli.options import CaseFile, Format, Name, OptionalName, Switch
 from holdfast.cli.streams import EXIT_REFUSED
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
@@ -24,9 +25,10 @@ from holdfast.dynamics.methods import METHODS
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import MethodNotApplicable, ModelError, SceneError, SingularChainError, StateError
 from holdfast.io.case_data import CaseExpected
-from holdfast.io.case_file import Case, parse_cases
+from holdfast.io.case_file import AnyCase, Case, parse_cases
 from holdfast.io.files import one_line
 from holdfast.io.force_case import ForceCase
+from holdfast.io.forest_case import ForestCase
 from holdfast.io.typed import refusal
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK
@@ -113,6 +115,9 @@ class Answer:
         console.print(f"object: angular acceleration {_triple(angular)} rad/s^2, of C {_triple(linear)} m/s^2")
 
 
+AnyAnswer = Answer | ForceAnswer | ForestAnswer
+
+
 def _of_trunk(r: ForwardResult) -> dict[str, list[float]] | None:
     """Return the trunk's part of a result, or None without a trunk."""
     if r.trunk_base_wrench is None:
@@ -123,8 +128,10 @@ def _of_trunk(r: ForwardResult) -> dict[str, list[float]] | None:
     return {"qdd": qdd, "base_wrench": r.trunk_base_wrench.tolist()}
 
 
-def answers(case: Case | ForceCase, methods: list[str]) -> Sequence[Answer | ForceAnswer]:
+def answers(case: AnyCase, methods: list[str]) -> Sequence[AnyAnswer]:
     """Return the answer of every method to a case; a question about forces has a single one."""
+    if isinstance(case, ForestCase):
+        return forest_answers(case, methods)
     if isinstance(case, ForceCase):
         if "sequential" not in methods:  # the default
             return [ForceAnswer(case, methods[0], reason=f"not_applicable: {OF_FORCES}")]
@@ -187,11 +194,7 @@ def error_vs_expected(result: ForwardResult, expected: CaseExpected, motion: Cha
         pairs.append((result.base_acceleration, np.array(trunk.acceleration)))
     if trunk is not None and trunk.base_wrench is not None and result.trunk_base_wrench is not None:
         pairs.append((result.trunk_base_wrench, np.array(trunk.base_wrench)))
-    return max(_relative_error(got, wanted) for got, wanted in pairs)
-
-
-def _relative_error(got: Array, wanted: Array) -> float:
-    return float(np.abs(got - wanted).max(initial=0.0)) / max(1.0, float(np.abs(wanted).max(initial=0.0)))
+    return max(relative_error(got, wanted) for got, wanted in pairs)
 
 
 def _about_C(wrenches: Array, motion: ChainMotion) -> Array:
@@ -200,7 +203,7 @@ def _about_C(wrenches: Array, motion: ChainMotion) -> Array:
     return np.sum([shift_wrench(c.offset, f) for c, f in zip(motion.contacts, held.values(), strict=True)], axis=0)
 
 
-def chosen_cases(file: Path, name: str | None) -> list[Case | ForceCase]:
+def chosen_cases(file: Path, name: str | None) -> list[AnyCase]:
     """Return all cases of a file, or the named one.
 
     Raises:
@@ -211,7 +214,7 @@ def chosen_cases(file: Path, name: str | None) -> list[Case | ForceCase]:
     return named_cases(*read_input(file), name)
 
 
-def named_cases(text: bytes, source: str, name: str | None) -> list[Case | ForceCase]:
+def named_cases(text: bytes, source: str, name: str | None) -> list[AnyCase]:
     """Return all cases of a text, or the named one.
 
     Raises:
@@ -232,7 +235,7 @@ def print_json(items: Sequence[dict[str, object]]) -> None:
     print("[" + ",\n ".join(lines) + "]")
 
 
-def print_answers(answers: Sequence[Answer | ForceAnswer]) -> None:
+def print_answers(answers: Sequence[AnyAnswer]) -> None:
     """Print a line per answer, the reasons of refusals, and the numbers if there is a single answer."""
     console = stdout()
     table = Table("case", "method", "status", "rank", "mobility", "error")
@@ -251,7 +254,7 @@ def print_answers(answers: Sequence[Answer | ForceAnswer]) -> None:
         answers[0].print_numbers(console)
 
 
-def _kind(answer: Answer | ForceAnswer) -> str:
+def _kind(answer: AnyAnswer) -> str:
     return (answer.reason or "").partition(":")[0]
 
 
@@ -282,7 +285,7 @@ def solve(
         SceneError: the file is invalid, or the case or the method is unknown.
     """
     methods = _chosen_methods(method)
-    found: list[Answer | ForceAnswer] = []
+    found: list[AnyAnswer] = []
     for problem in with_progress(chosen_cases(file, case), "solving"):
         found += answers(problem, methods)
     if json or format == "json":

@@ -188,6 +188,7 @@ REASONS = {
     "diagnose": f"{_SINGULAR_VALUES}; `forward_dynamics` gives rank, status and condition",
     "dynamics.attach": "another grasp is other code; compile the chain it returns",
     "dynamics.contact_attitudes": "it is a few products of one grasp; try `tip_poses`",
+    "dynamics.forest_dynamics": "it is of a forest, not of a chain; `forward_dynamics` is of the chain",
     "dynamics.joint_mass_matrix": "it is of one arm; `mass_matrix` gives those of all arms",
     "dynamics.momentum_rate": _OF_A_RESULT,
     "dynamics.motion_basis": _SINGULAR_VALUES,

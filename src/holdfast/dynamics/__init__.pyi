@@ -24,3 +24,4 @@ from .posture import Posture as Posture
 from .regressor import inertial_parameters as inertial_parameters
 from .result import ForwardResult as ForwardResult
 from .result import Status as Status
+from .tree.forest_dynamics import forest_dynamics as forest_dynamics

@@ -1,4 +1,4 @@
-"""Problem cases: closed-chain forward dynamics problems in JSON, with or without answers, and questions about forces.
+"""Problem cases in JSON, with or without answers: forward dynamics of chains and forests, and questions about forces.
 
 Arms list joints and links base to tip; matrices are row-major; SI units. `tags`, `debug`,
 `oracle` and `see` are free-form, everything else is strict.
@@ -18,6 +18,8 @@ from holdfast.io.case_mechanism import mechanism
 from holdfast.io.files import file_path
 from holdfast.io.force_case import ForceCase, build_force_case
 from holdfast.io.force_case_data import ForceCaseData
+from holdfast.io.forest_case import ForestCase, build_forest_case
+from holdfast.io.forest_case_data import ForestCaseData
 from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -52,7 +54,10 @@ class Case:
     expected: case_data.CaseExpected | None
 
 
-def load_cases(path: str | PathLike[str]) -> list[Case | ForceCase]:
+AnyCase = Case | ForceCase | ForestCase
+
+
+def load_cases(path: str | PathLike[str]) -> list[AnyCase]:
     """Return the problems of a JSON file: one case, a list, or an object with `cases`.
 
     Args:
@@ -65,7 +70,7 @@ def load_cases(path: str | PathLike[str]) -> list[Case | ForceCase]:
     return parse_cases(typed.read_bytes(file), str(file))
 
 
-def parse_cases(text: bytes, source: str) -> list[Case | ForceCase]:
+def parse_cases(text: bytes, source: str) -> list[AnyCase]:
     """Return the problems in the text of such a file.
 
     Args:
@@ -76,7 +81,7 @@ def parse_cases(text: bytes, source: str) -> list[Case | ForceCase]:
         SceneError: it is invalid; the message gives the JSON path of the first fault.
     """
     data = typed.parse_json(text, source)
-    if isinstance(data, dict) and ("cases" in data or not data.keys() & {"name", "object", "arms"}):
+    if isinstance(data, dict) and ("cases" in data or not data.keys() & {"name", "object", "arms", "bodies"}):
         items = typed.convert(data, case_data.CaseFileData, source).cases
         listed = [(f"$.cases[{i}]", item) for i, item in enumerate(items)]
     elif isinstance(data, list):
@@ -85,7 +90,7 @@ def parse_cases(text: bytes, source: str) -> list[Case | ForceCase]:
         listed = [("$", data)]
     if not listed:
         raise Location(source).refuse("expected at least one case, got none")
-    cases: list[Case | ForceCase] = []
+    cases: list[AnyCase] = []
     first: dict[str, str] = {}
     for root, item in listed:
         case = _case(item, source, root)
@@ -98,8 +103,10 @@ def parse_cases(text: bytes, source: str) -> list[Case | ForceCase]:
     return cases
 
 
-def _case(item: Any, source: str, root: str) -> Case | ForceCase:
-    """Return one problem: a question about forces if it says so, else one of forward dynamics."""
+def _case(item: Any, source: str, root: str) -> AnyCase:
+    """Return one problem: of a forest, a question about forces, or of forward dynamics of arms and an object."""
+    if isinstance(item, dict) and "bodies" in item:
+        return build_forest_case(typed.convert(item, ForestCaseData, source, root), source, root)
     if isinstance(item, dict) and "question" in item:
         return build_force_case(typed.convert(item, ForceCaseData, source, root), source, root)
     return build_case(typed.convert(item, case_data.CaseData, source, root), source, root)

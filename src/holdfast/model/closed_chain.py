@@ -12,8 +12,10 @@ from holdfast import outer
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
+from holdfast.model.chain_forest import chain_forest
 from holdfast.model.fingerprint import ADDED
 from holdfast.model.force_element import ForceElement
+from holdfast.model.forest import Forest
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
@@ -169,6 +171,20 @@ class ClosedChain(Frozen):
     def bushings(self) -> tuple[str, ...]:
         """The names of the arms whose grasp is a bushing, which exerts a known wrench and imposes no constraint."""
         return tuple(name for name, grasp in self.grasps.items() if grasp.of_kind.bushing is not None)
+
+    @frozen_property
+    def forest(self) -> Forest:
+        """The chain as a forest: the bodies of the trunk, those of the arms in order, and the object last.
+
+        Raises:
+            ModelError: springs or bushings act, which are no part of a forest yet.
+        """
+        if self.springs or self.bushings or any(joint.stiffness for joint in self.all_joints):
+            raise ModelError(
+                "forest: expected a chain without springs and bushings, which are no part of a forest; try the chain"
+                " itself, for example forward_dynamics(chain, state, tau, method='tree')"
+            )
+        return chain_forest(self).forest
 
     @frozen_property
     def joint_count(self) -> int:

@@ -88,7 +88,7 @@ def updated(P: FactoredMobility, c: Array, d: Scalar, least: Scalar) -> tuple[Fa
     sigma = sum(summands, start=d)
     alive = sigma > least
     seen = where(alive, NEGLIGIBLE_PART * sigma, float("inf"))
-    alpha, k = d, np.zeros(6)
+    alpha, k = d, np.zeros(len(c))
     D_new, w_new = [], []
     for D, w, fj, summand in zip(P.D, P.w, f, summands, strict=True):
         fj = where(summand > seen, fj, 0.0)

@@ -1,0 +1,220 @@
+"""Forward dynamics of a forest, and its result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
+from holdfast.dynamics.consistency import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual
+from holdfast.dynamics.result import Status
+from holdfast.dynamics.tree.elimination import ForestSolution, left_over, solved
+from holdfast.dynamics.tree.forest_kkt import forest_kkt
+from holdfast.dynamics.tree.forest_motion import ForestMotion, forest_motion
+from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
+from holdfast.dynamics.tree.plan import plan_of
+from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError
+from holdfast.model import checks
+from holdfast.model.forest import Forest
+from holdfast.names import called
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array
+
+CONTRADICTION = 1e-8  # relative violation of a closure's acceleration above which no accelerations satisfy it
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class ForestResult(Frozen):
+    """Accelerations and forces of a forest. SI units, world axes.
+
+    Attributes:
+        forest: the forest it belongs to.
+        qdd: (n_v,) time derivatives of qd, in the order of the bodies; of a free body, its true acceleration.
+        acceleration: (bodies, 6) [omega_dot; v_dot] of the origins of all bodies' frames, true accelerations.
+        closure_wrench: (closures, 6) [moment; force] of body a on body b about the contact point [N m, N].
+        coupling_force: (couplings,) multipliers lambda; a coupling acts on each of its joints with c lambda.
+        rank: number of independent rows of the constraint on qd.
+        mobility: n_v minus the rank.
+        status: whether the forces are unique; see `Status`.
+        condition: dimensionless condition number of the constraint, the inverse of the smallest pivot; 1 by `kkt`,
+            which does not determine it.
+        method: name of the algorithm.
+    """
+
+    forest: Forest
+    qdd: Array
+    acceleration: Array
+    closure_wrench: Array
+    coupling_force: Array
+    rank: int
+    mobility: int
+    status: Status
+    condition: float
+    method: str
+
+    def __repr__(self) -> str:
+        """Return the method, rank, condition and status, on one line."""
+        head = f"{type(self).__name__} by {self.method}: rank {self.rank}, mobility {self.mobility}"
+        return f"<{head}, condition {self.condition:.4g}; {self.status.value}>"
+
+
+def by_plan(motion: ForestMotion) -> ForestSolution:
+    """Return the solution by the elimination in the order of the forest's plan."""
+    return solved(motion, plan_of(motion.forest.topology))
+
+
+FOREST_METHODS: dict[str, Callable[[ForestMotion], ForestSolution]] = {
+    "sequential": by_plan,
+    "tree": by_plan,
+    "kkt": forest_kkt,
+}
+
+
+@np.errstate(all="ignore")  # what overflows is refused below
+def forest_dynamics(
+    forest: Forest,
+    q: ArrayLike,
+    qd: ArrayLike,
+    tau: ArrayLike,
+    wrenches: ArrayLike | None = None,
+    *,
+    method: str = "sequential",
+    check: bool = True,
+) -> ForestResult:
+    """Return the accelerations of all bodies, the wrench of every closure and the force of every coupling.
+
+    Solves M qdd + h = tau + G^T lambda with G qdd = r, the rows of closures and couplings. Where forces are not unique,
+    the smallest are returned. The cost is O(n) as long as the number of loops that are open at a time is bounded, and
+    O(n^3) by `kkt`.
+
+    Args:
+        forest: bodies, closures and couplings.
+        q: (n_q,) positions, in the order of the bodies (`Forest`).
+        qd: (n_v,) rates.
+        tau: (n_v,) torques [N m or N]; for a free body, a wrench about its frame's origin.
+        wrenches: (bodies, 6) external wrenches about the origins of the bodies' frames; zero by default.
+        method: "sequential" or "tree", the elimination in the order of the forest's plan, or "kkt", dense equations.
+        check: if False, the residuals of closures and couplings are not checked.
+
+    Raises:
+        StateError: a shape is wrong, or the state violates a closure or a coupling.
+        ModelError: a joint has nothing beyond it that resists its acceleration.
+        SingularChainError: no accelerations satisfy the closures, in a singular posture.
+        MethodNotApplicable: there is no such method.
+    """
+    checks.instance(forest, Forest, "forest")
+    if not isinstance(method, str) or method not in FOREST_METHODS:
+        hint = checks.did_you_mean(str(method), FOREST_METHODS)
+        raise MethodNotApplicable(f"no method {checks.short(method)} for a forest.{hint}")
+    rates = checks.numbers(qd, (forest.velocity_count,), "qd", StateError)
+    torque = checks.numbers(tau, (forest.velocity_count,), "tau", StateError) - _damping(forest) * rates
+    pushed = np.zeros((len(forest.bodies), 6)) if wrenches is None else wrenches
+    pushed = checks.numbers(pushed, (len(forest.bodies), 6), "wrenches", StateError)
+    motion = forest_motion(forest, _positions(forest, q), rates, torque, pushed)
+    if check:
+        _require_closed(motion, rates)
+    found = FOREST_METHODS[method](motion)
+    _require_inertia(forest, found)
+    accelerations = [b.true_acceleration(x, forest.gravity) for b, x in zip(motion.bodies, found.beta, strict=True)]
+    qdd = [a if b.floats else x for a, b, x in zip(accelerations, motion.bodies, found.qdd, strict=True)]
+    if not np.isfinite(np.concatenate([*qdd, *found.wrenches, found.multipliers])).all():
+        raise StateError("the accelerations overflow float64; check the sizes of lengths, masses, rates and torques")
+    rank = int(found.rank)
+    _require_satisfied(motion, found, rank)
+    unique = rank == forest.constraint_row_count
+    wrench, multipliers = found.wrenches, found.multipliers
+    if not unique:
+        wrench, multipliers = least_forces(motion, forest_rows(motion), wrench, multipliers, rank)
+    return ForestResult(
+        forest,
+        np.concatenate(qdd),
+        np.array(accelerations),
+        np.array(wrench).reshape(-1, 6),
+        np.array(multipliers),
+        rank,
+        forest.velocity_count - rank,
+        Status.OK if unique else Status.INDETERMINATE_FORCES,
+        1.0 / float(found.weakest),
+        method,
+    )
+
+
+def _damping(forest: Forest) -> Array:
+    return np.concatenate([np.full(b.joint.of_kind.freedoms, b.joint.damping) for b in forest.bodies])
+
+
+def _positions(forest: Forest, q: ArrayLike) -> Array:
+    """Return checked positions with unit quaternions."""
+    found = np.array(checks.numbers(q, (forest.position_count,), "q", StateError))
+    for k, (body, part) in enumerate(zip(forest.bodies, forest.positions, strict=True)):
+        if body.joint.of_kind.pose:
+            at = slice(part.start, part.start + 4)
+            length = float(np.linalg.norm(found[at]))
+            if abs(length - 1.0) > checks.ROTATION_TOLERANCE:
+                raise StateError(
+                    f"q of body {k}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
+                )
+            found[at] /= length
+    return found
+
+
+def _require_closed(motion: ForestMotion, qd: Array) -> None:
+    """Refuse a state that does not satisfy the closures and the couplings."""
+    forest, limit = motion.forest, VELOCITY_TOLERANCE * max(1.0, float(np.linalg.norm(qd)))
+    gaps = []
+    for i, (closure, c) in enumerate(zip(forest.closures, motion.closures, strict=True)):
+        point = motion.bodies[closure.b].at.frame.p + c.contact.origin
+        x = float(np.abs(position_residual(c.contact, point, c.tip)).max(initial=0.0))
+        v = float(np.abs(c.contact.velocity_gap).max(initial=0.0))
+        if not (x <= POSITION_TOLERANCE and v <= limit):
+            gaps.append(f"closure {i}: position gap {x:.3g} (m, rad), velocity gap {v:.3g} (m/s, rad/s)")
+    for i, coupling in enumerate(forest.couplings):
+        v = abs(sum(c * qd[forest.velocities[k].start + component] for k, component, c in coupling.terms))
+        if not v <= limit:
+            gaps.append(f"coupling {i}: rate {v:.3g}")
+    if gaps:
+        raise StateError(
+            f"the state does not satisfy the forest: {'; '.join(gaps)}. Expected <= {POSITION_TOLERANCE:g} and <="
+            f" {limit:.3g}; check=False leaves this out"
+        )
+
+
+def _require_inertia(forest: Forest, found: ForestSolution) -> None:
+    """Refuse a joint beyond which nothing has inertia about it while the closures are open."""
+    pivots = [p for p, body in zip(found.pivots, forest.bodies, strict=False) if not body.joint.of_kind.floats]
+    largest = max((float(p.max()) for p in pivots), default=0.0)
+    for k, (body, p) in enumerate(zip(forest.bodies, found.pivots, strict=False)):
+        if not body.joint.of_kind.floats and not p.min() > LEAST_INERTIA * largest:
+            name = f"body {k}" + (f" '{body.link.name}'" if body.link.name else "")
+            raise ModelError(
+                f"{name}: no inertia beyond its {body.joint.kind} joint while the closures are open; give it mass,"
+                " inertia or armature, or close its loop at its other end"
+            )
+
+
+def _require_satisfied(motion: ForestMotion, found: ForestSolution, rank: int) -> None:
+    """Refuse accelerations that violate closures, which happens only if some rows depend on others."""
+    forest = motion.forest
+    if rank == forest.constraint_row_count:
+        return
+    gaps, coupled = left_over(motion, found)
+    for i, (closure, c, gap) in enumerate(zip(forest.closures, motion.closures, gaps, strict=True)):
+        size = np.abs(c.on_b @ found.beta[closure.b]).sum() + np.abs(c.r).sum() + 1.0
+        if np.abs(gap).max(initial=0.0) > CONTRADICTION * size:
+            _refuse_singular(forest, rank, f"closure {i}")
+    for i, (coupling, gap) in enumerate(zip(forest.couplings, coupled, strict=True)):
+        size = sum(abs(c * found.qdd[k][component]) for k, component, c in coupling.terms) + 1.0
+        if abs(gap) > CONTRADICTION * size:
+            _refuse_singular(forest, rank, f"coupling {i}")
+
+
+def _refuse_singular(forest: Forest, rank: int, what: str) -> NoReturn:
+    raise SingularChainError(
+        f"the constraint has rank {rank} of {forest.constraint_row_count} here, and no accelerations satisfy {what}: a"
+        " singular posture, or forces so large that rounding hides the closure. Try another posture"
+    )

@@ -1,0 +1,120 @@
+"""The constraint of a forest on its rates as a dense matrix, G qdd = r, for checks and for forces that are not unique.
+
+Every column is that of a joint rate; the rates of a free body are those of its mass centre. Sizes of entries are never
+scaled to one, because a row or a column of a closure in a right-angled posture may consist of rounding alone.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.constraint import length_scale
+from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution, in_range
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, sqrt, where
+from holdfast.spatial.spatial_vector import shift_twist
+
+NULL_COLUMN = 1e-12  # columns that are smaller, relative to their unit, are zero
+
+
+class ForestRows(NamedTuple):
+    """The constraint of a forest.
+
+    Attributes:
+        G: (rows, n_v) rows of closures in order, then of couplings.
+        r: (rows,) right-hand side.
+        closures: per closure, its rows.
+        couplings: per coupling, its row.
+        jacobians: per body, the motion of its point per joint rate, (6, n_v).
+    """
+
+    G: Array
+    r: Array
+    closures: list[slice]
+    couplings: list[int]
+    jacobians: list[Array]
+
+
+def forest_rows(motion: ForestMotion) -> ForestRows:
+    """Return the constraint of a forest, O(bodies * n_v)."""
+    forest, n = motion.forest, motion.forest.velocity_count
+    jacobians: list[Array] = []
+    for k, (body, part) in enumerate(zip(motion.bodies, forest.velocities, strict=True)):
+        parent = forest.bodies[k].parent
+        under = np.zeros((n, 6)) if parent is None else jacobians[parent].T
+        carried = array([shift_twist(body.reach, column) for column in under])
+        jacobians.append(np.concatenate([carried[: part.start], body.H.T, carried[part.stop :]]).T)
+    blocks, r, closures, start = [np.zeros((0, n))], [], [], 0
+    for c, closure in zip(motion.closures, forest.closures, strict=True):
+        rows = c.on_b @ jacobians[closure.b]
+        blocks.append(rows if closure.a is None else rows + c.on_a @ jacobians[closure.a])
+        r.append(c.r)
+        closures.append(slice(start, start + len(c.K)))
+        start += len(c.K)
+    for coupling in forest.couplings:
+        units = [c * np.eye(n)[forest.velocities[k].start + component] for k, component, c in coupling.terms]
+        blocks.append(array(units).sum(axis=0)[None])
+        r.append(np.zeros(1))
+    couplings = list(range(start, start + len(forest.couplings)))
+    return ForestRows(np.concatenate(blocks), concatenate(r), closures, couplings, jacobians)
+
+
+def turning(motion: ForestMotion) -> Array:
+    """Return whether each rate is an angular velocity, (n_v,)."""
+    return array([turns for body in motion.forest.bodies for turns in body.joint.of_kind.turning])
+
+
+def reach(motion: ForestMotion) -> Scalar:
+    """Return the longest distance of bodies from their parents and of closures from their bodies [m]."""
+    lengths = [b.reach for b in motion.bodies if not b.floats] + [c.contact.offset for c in motion.closures]
+    longest = sqrt(reduce(maximum, [l @ l for l in lengths], 0.0))
+    return where(longest > 0.0, longest, 1.0)
+
+
+def least_forces(
+    motion: ForestMotion, rows: ForestRows, wrenches: list[Array], multipliers: list[Scalar], rank: int
+) -> tuple[list[Array], list[Scalar]]:
+    """Return the smallest wrenches of closures and multipliers of couplings with the same effect.
+
+    They minimise sum |m/L|^2 + |f|^2 over closures plus sum (c lambda)^2 over coupled joints, divided by L^2 for those
+    that turn, with L the rms distance of the closures' points from their centroid. With this metric C C^T of lambda,
+    they are the part of C^T lambda in the range of E = C^-1 G.
+
+    Args:
+        motion: the forest's motion.
+        rows: its constraint.
+        wrenches: per closure, (6,).
+        multipliers: per coupling.
+        rank: rank of G.
+    """
+    pairs = zip(motion.forest.closures, motion.closures, strict=True)
+    points = [motion.bodies[c.b].at.frame.p + m.contact.offset for c, m in pairs]
+    L = length_scale(points)
+    weights = array([*3 * [1.0 / (L * L)], 1.0, 1.0, 1.0])
+    factors, effects, sizes = [], [], []
+    for c, part, f in zip(motion.closures, rows.closures, wrenches, strict=True):
+        factors.append(cholesky((c.K * weights) @ c.K.T))
+        effects.append(forward_substitution(factors[-1], rows.G[part]))
+        sizes.append(factors[-1].T @ (c.K @ f))
+    turns = turning(motion)
+    for at, coupling, x in zip(rows.couplings, motion.forest.couplings, multipliers, strict=True):
+        of = [motion.forest.velocities[k].start + component for k, component, _ in coupling.terms]
+        loads = [c / L if turns[i] else c for i, (_, _, c) in zip(of, coupling.terms, strict=True)]
+        factors.append(sqrt(sum(load * load for load in loads)))
+        effects.append(rows.G[[at]] / factors[-1])
+        sizes.append(array([factors[-1] * x]))
+    E, unit = np.concatenate(effects), [maximum(reach(motion), L) if turn else 1.0 for turn in turns]
+    felt = [where(column @ column > (NULL_COLUMN * u) ** 2, column, 0.0) for column, u in zip(E.T, unit, strict=True)]
+    smallest = in_range(array(felt).T, concatenate(sizes), rank)
+    ends = np.cumsum([0, *(len(x) for x in sizes)]).tolist()
+    parts = [smallest[start:end] for start, end in pairwise(ends)]
+    of_closures = [
+        back_substitution(factor, part) @ c.K
+        for c, part, factor in zip(motion.closures, parts, factors[: len(motion.closures)], strict=False)
+    ]
+    count = len(motion.closures)
+    return of_closures, [part[0] / factor for part, factor in zip(parts[count:], factors[count:], strict=True)]

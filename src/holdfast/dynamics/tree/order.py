@@ -1,0 +1,340 @@
+"""The order of the steps in which a part is eliminated, and the steps as data.
+
+The state of the elimination consists of the accelerations of open frames, which are added, moved outward over joints,
+measured by closures, and left out again. Of all ways on, the one after which the fewest numbers are open comes next
+(least front). Numbers of frames identify them within their part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from holdfast.model.forest import GROUND, Topology
+
+ROOT = -1  # "frame" of the root, whose acceleration is given; GROUND in `OpenFrame.of` is written as None
+
+
+class ForestPart(NamedTuple):
+    """Bodies whose loops settle together.
+
+    Attributes:
+        root: the vertex on which they hang, a body or `GROUND`.
+        members: the other bodies, the deepest first.
+        closures: indices of its closures.
+        couplings: indices of its couplings.
+    """
+
+    root: int
+    members: tuple[int, ...]
+    closures: tuple[int, ...]
+    couplings: tuple[int, ...]
+
+
+class AddFree(NamedTuple):
+    """A frame opens at a free body."""
+
+    body: int
+    frame: int
+
+
+class OpenFrame(NamedTuple):
+    """A frame opens at a body as a copy of an open frame, of the root (`ROOT`), or of the world (None)."""
+
+    of: int | None
+    frame: int
+
+
+class MoveFrame(NamedTuple):
+    """A frame moves outward over the joint of a body; `note` is the frame that its accelerations open, or None."""
+
+    body: int
+    frame: int
+    note: int | None
+
+
+class Measure(NamedTuple):
+    """A closure is imposed; its ends are open frames, `ROOT` or the world (None)."""
+
+    closure: int
+    a: int | None
+    b: int | None
+
+
+class Couple(NamedTuple):
+    """A coupling is imposed; per coupled body, the frame of its joint accelerations."""
+
+    coupling: int
+    noted: tuple[tuple[int, int], ...]
+
+
+class MeasureLeaf(NamedTuple):
+    """A closure is imposed at the end of a chain of joints that nothing else needs.
+
+    Attributes:
+        of: the frame from which the chain leads outward, `ROOT`, or the world (None).
+        joints: the bodies of the chain.
+        closure: the closure.
+        is_b: whether the end of the chain is the closure's body b.
+        other: the frame of the closure's other body, `ROOT` or the world (None).
+    """
+
+    of: int | None
+    joints: tuple[int, ...]
+    closure: int
+    is_b: bool
+    other: int | None
+
+
+class CloseFrame(NamedTuple):
+    """A frame is left out; `body` is the free body that has stayed at it, or None."""
+
+    frame: int
+    body: int | None
+
+
+PlanStep = AddFree | OpenFrame | MoveFrame | Measure | Couple | MeasureLeaf | CloseFrame
+
+
+def widest(steps: Sequence[PlanStep]) -> int:
+    """Return the most numbers that are open at a time; the accelerations of a coupled joint count as one."""
+    size: dict[int, int] = {}
+    most = 0
+    for step in steps:
+        match step:
+            case AddFree() | OpenFrame():
+                size[step.frame] = 6
+            case MoveFrame() if step.note is not None:
+                size[step.note] = 1
+            case CloseFrame():
+                del size[step.frame]
+        most = max(most, sum(size.values()))
+    return most
+
+
+@dataclass(frozen=True)
+class Branches:
+    """What the search has to know of a part.
+
+    Attributes:
+        topology: the forest's graph.
+        part: the part.
+        closures_at: by vertex, the closures that need its acceleration.
+        noted: by body, the couplings that need its joint accelerations.
+        children: by vertex, the members on joints to it that lead to a closure or a coupling.
+    """
+
+    topology: Topology
+    part: ForestPart
+    closures_at: dict[int, list[int]]
+    noted: dict[int, list[int]]
+    children: dict[int, list[int]]
+
+    @staticmethod
+    def of(topology: Topology, part: ForestPart) -> Branches:
+        """Return the branches of a part."""
+        vertices = [part.root, GROUND, *part.members]
+        closures_at = {v: [i for i in part.closures if v in topology.ends[i]] for v in vertices}
+        noted = {k: [i for i in part.couplings if k in topology.coupled[i]] for k in part.members}
+        children: dict[int, list[int]] = {v: [] for v in vertices}
+        for k in part.members:  # the deepest first, so that what hangs on k is known
+            if not topology.free[k] and (closures_at[k] or noted[k] or children[k]):
+                children[topology.parents[k]].append(k)
+        return Branches(topology, part, closures_at, noted, {v: sorted(ks) for v, ks in children.items()})
+
+
+@dataclass(frozen=True)
+class Front:
+    """The search after some steps; `way` returns it after further ones.
+
+    Attributes:
+        of: the part's branches.
+        steps: the steps so far.
+        frames: open frames, the youngest last, by body; those of joint accelerations by (body,).
+        next_frame: number of the next frame.
+        closures, couplings: those that have not been imposed.
+        ahead: by vertex, the children to which no frame has moved.
+        added: the free bodies that have been added.
+        firm: vertices that do not move freely: what was closed with the root, the world, or a body on joints.
+        loose: number of closures between two free bodies of which none was firm.
+    """
+
+    of: Branches
+    steps: tuple[PlanStep, ...]
+    frames: dict[int | tuple[int], int]
+    next_frame: int
+    closures: frozenset[int]
+    couplings: frozenset[int]
+    ahead: dict[int, frozenset[int]]
+    added: frozenset[int] = frozenset()
+    firm: frozenset[int] = field(default_factory=frozenset)
+    loose: int = 0
+
+    @property
+    def width(self) -> int:
+        """Number of open numbers."""
+        return sum(6 if isinstance(of, int) else 1 for of in self.frames)
+
+    @property
+    def measured(self) -> int:
+        """Number of closures and couplings that have been imposed."""
+        return sum(isinstance(step, Measure | Couple) for step in self.steps)
+
+    def frame(self, vertex: int) -> int | None:
+        """Return the frame at a vertex, `ROOT`, or None for the world."""
+        if vertex in self.frames:
+            return self.frames[vertex]
+        return ROOT if vertex == self.of.part.root and vertex != GROUND else None
+
+    def at(self, vertex: int) -> bool:
+        """Return whether the acceleration of a vertex is in the state, or given."""
+        return vertex in (self.of.part.root, GROUND) or vertex in self.frames
+
+    def ways(self) -> list[tuple[int | None, int]]:
+        """Return the ways on: from a vertex to a child, or None and a free body to add."""
+        tops = [self.of.part.root, GROUND, *(v for v in self.frames if isinstance(v, int))]
+        found = [(v, k) for v in dict.fromkeys(tops) for k in sorted(self.ahead.get(v, ()))]
+        free = [k for k in self.of.part.members if self.of.topology.free[k] and k not in self.added]
+        return [*found, *((None, k) for k in sorted(free))]
+
+    def way(self, start: int | None, k: int) -> Front:
+        """Return the front after a way from a vertex along the joints to the next body that matters."""
+        now = self._added(k) if start is None else self._moved(start, k)
+        return now._closed()
+
+    def _added(self, k: int) -> Front:
+        new = self.next_frame
+        return replace(
+            self,
+            steps=(*self.steps, AddFree(k, new)),
+            frames={**self.frames, k: new},
+            next_frame=new + 1,
+            added=self.added | {k},
+        )
+
+    def _moved(self, start: int, k: int) -> Front:
+        of, steps, frames, new = self.of, list(self.steps), dict(self.frames), self.next_frame
+        ahead = {**self.ahead, start: self.ahead[start] - {k}}
+        own = start in frames and not of.topology.free[start] and not ahead[start]
+        if own and not any(i in self.closures for i in of.closures_at[start]):
+            frame = frames.pop(start)  # nothing else needs it: it moves on
+        else:
+            frame, new = new, new + 1
+            steps.append(OpenFrame(self.frame(start), frame))
+        while True:
+            note = None
+            if of.noted[k]:
+                note, new = new, new + 1
+                frames[(k,)] = note
+            steps.append(MoveFrame(k, frame, note))
+            if of.closures_at[k] or of.noted[k] or len(ahead[k]) != 1:
+                break
+            (following,) = ahead[k]
+            ahead[k] = frozenset()
+            k = following
+        frames[k] = frame
+        return replace(self, steps=tuple(steps), frames=frames, next_frame=new, ahead=ahead)
+
+    def _closed(self) -> Front:
+        """Return the front after imposing all closures and couplings that can be, and leaving out frames."""
+        of, steps, frames, firm, loose = self.of, list(self.steps), dict(self.frames), set(self.firm), self.loose
+        done = [i for i in sorted(self.closures) if all(self.at(v) for v in of.topology.ends[i])]
+        for i in done:
+            ends = of.topology.ends[i]
+            held = any(v in firm or v == GROUND or not of.topology.free[v] for v in ends)
+            firm, loose = (firm | {*ends}, loose) if held else (firm, loose + 1)
+            steps.append(Measure(i, *map(self.frame, ends)))
+        coupled = [i for i in sorted(self.couplings) if all((k,) in frames for k in of.topology.coupled[i])]
+        steps += [Couple(i, tuple((k, frames[(k,)]) for k in of.topology.coupled[i])) for i in coupled]
+        closures, couplings = self.closures - {*done}, self.couplings - {*coupled}
+        for at in reversed(list(frames)):  # the youngest first, so that a leaf closes at once
+            needed = (
+                closures & {*of.closures_at[at]} or self.ahead[at]
+                if isinstance(at, int)
+                else (couplings & {*of.noted[at[0]]})
+            )
+            if not needed:
+                free = isinstance(at, int) and of.topology.free[at]
+                steps.append(CloseFrame(frames.pop(at), at if isinstance(at, int) and free else None))
+        return replace(
+            self,
+            steps=tuple(steps),
+            frames=frames,
+            closures=closures,
+            couplings=couplings,
+            firm=frozenset(firm),
+            loose=loose,
+        )
+
+    def absorbed(self) -> Front:
+        """Return the front after all ways that close again what they open: leaves between open frames."""
+        now = self
+        while True:
+            tried = (now.way(v, k) for v, k in now.ways() if v is not None)
+            better = next((t for t in tried if t.measured > now.measured and t.width <= now.width), None)
+            if better is None:
+                return now
+            now = better
+
+
+def ordered(topology: Topology, part: ForestPart, leaves: bool = True) -> tuple[PlanStep, ...]:
+    """Return the steps of a part: always the way after which the fewest numbers are open.
+
+    Args:
+        topology: the forest's graph.
+        part: the part.
+        leaves: whether chains to one closure are one step.
+    """
+    if not part.closures and not part.couplings:
+        return ()
+    of = Branches.of(topology, part)
+    now = Front(
+        of,
+        (),
+        {},
+        0,
+        frozenset(part.closures),
+        frozenset(part.couplings),
+        {v: frozenset(ks) for v, ks in of.children.items()},
+        firm=frozenset({part.root, GROUND}),
+    )
+    now = now._closed().absorbed()
+    while ways := now.ways():
+        before, found = now.measured, []
+        for start, k in ways:
+            then = now.way(start, k).absorbed()
+            more = then.measured - before
+            found.append(((then.loose, then.width - (more > 0), -more, start is None, k), then))
+        now = min(found, key=lambda one: one[0])[1]
+    return _with_leaves(now.steps, topology) if leaves else now.steps
+
+
+def _with_leaves(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanStep, ...]:
+    """Return the steps with every chain that opens, moves to one closure and closes again as one step."""
+    found: list[PlanStep] = []
+    i = 0
+    while i < len(steps):
+        leaf, count = _leaf(steps[i:], topology)
+        found.append(leaf)
+        i += count
+    return tuple(found)
+
+
+def _leaf(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanStep, int]:
+    """Return the leaf with which the steps begin, or their first step, and how many steps it replaces."""
+    first = steps[0]
+    if not isinstance(first, OpenFrame):
+        return first, 1
+    j = 1
+    joints: list[int] = []
+    while isinstance(move := steps[j], MoveFrame) and move.frame == first.frame and move.note is None:
+        joints.append(move.body)
+        j += 1
+    closing, measure = steps[j + 1] if j + 1 < len(steps) else None, steps[j]
+    if not joints or not isinstance(measure, Measure) or closing != CloseFrame(first.frame, None):
+        return first, 1
+    is_b = topology.ends[measure.closure][1] == joints[-1]
+    if (measure.b if is_b else measure.a) != first.frame:
+        return first, 1
+    return MeasureLeaf(first.of, tuple(joints), measure.closure, is_b, measure.a if is_b else measure.b), j + 2

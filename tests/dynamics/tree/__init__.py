@@ -1,0 +1,1 @@
+"""The elimination of forests."""
