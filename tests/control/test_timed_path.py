@@ -360,6 +360,13 @@ REFUSED = {
     "joints": (lambda: hf.time_path(CHAIN, lambda s: s, ARC, nodes=4), ModelError, "time_path: joints"),
     "rates": (lambda: hf.time_path(CHAIN, still_joints, ARC, nodes=4), StateError, "the grasps demand other rates"),
     "drag": (lambda: hf.time_path(dragged(), STATE, ARC, nodes=4), MethodNotApplicable, "in proportion to it or to"),
+    "no braking": (
+        lambda: hf.time_path(
+            *slide()[:2], along_x, ForceLimits(acceleration={slide()[0].joint_names()[0]: (0.0, 1.0)}), nodes=4
+        ),
+        StateError,
+        "no motion from which the path can be continued",
+    ),
     "no grasp": (
         lambda: hf.time_path(replace(CHAIN, grasps={}), STATE, ARC, nodes=4), MethodNotApplicable, "no grasp",
     ),

@@ -164,8 +164,8 @@ def _rest(t: Any, **given: Any) -> Any:
 
 @cache
 def slide() -> tuple[hf.ClosedChain, hf.State]:
-    """Return an arm with a sliding joint and a damper that holds a box."""
-    joint = hf.Joint("prismatic", (1, 0, 0), effort_limit=20.0, rate_limit=1.0, damping=2.0)
+    """Return an arm with a sliding joint that holds a box."""
+    joint = hf.Joint("prismatic", (1, 0, 0), effort_limit=20.0, rate_limit=1.0)
     one = hf.Arm([joint], [hf.Link(2.0, inertia=0.01 * np.eye(3))])
     chain = hf.ClosedChain({"arm": one}, hf.HeldObject.box(3.0, 0.1, 0.1, 0.1), {"arm": hf.Grasp("rigid")})
     return chain, hf.State(np.zeros(1), np.zeros(1), hf.Pose.identity())

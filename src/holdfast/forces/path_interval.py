@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from holdfast.forces.limit_rows import Limit
-from holdfast.forces.path_point import NO_COST, OF_RATE, PASSED, PathPoint
+from holdfast.forces.path_point import NO_COST, PASSED, PathPoint
 from holdfast.forces.programmes import Solved, answer, posed
 from holdfast.spatial.scalar import Array
 
@@ -66,6 +67,14 @@ class Interval:
         a = np.stack([np.ones_like(r), 2.0 * r - 1.0, np.zeros_like(r)], axis=1)
         b = np.stack([2.0 * D * r, -2.0 * D * r * (1.0 - r), np.ones_like(r)], axis=1)
         return np.stack([a, b], axis=1)
+
+    @cached_property
+    def unit(self) -> float:
+        """The a that takes F0 at one of the ends; without limits on forces, what gives b its largest value."""
+        of_a = max(
+            (np.abs(one.G[:, -3]).max() / one.weight for k in (0, -1) for one in self.points[k].forces), default=0.0
+        )
+        return self.force / of_a if of_a > 0.0 else float(self.most.min()) / (2.0 * self.width)
 
     def limits(self) -> list[Limit]:
         """Return the limits on forces at both ends, and those on rates everywhere."""
@@ -137,8 +146,7 @@ class Interval:
         """
         limits, D = self.limits(), self.width
         t, m, d, at = np.eye(self.size)[-4:]
-        of_a = max((np.abs(one.G[:, -3]).max() / one.weight for one in limits if one.what != OF_RATE), default=0.0)
-        unit = 1.0 / of_a if of_a > 0.0 else float(self.most.min()) / (2.0 * D * self.force)  # of a, per F0
+        unit = self.unit / self.force
         middle, mean = D * (m - d) + at, D * m + at  # b is a parabola through its ends that these three control
         bounds = [(LEAST_CONTROL * mean - middle, 0.0, 2.0 * D * unit), (d - t, 0.0, unit), (-d - t, 0.0, unit)]
         way, others = (at if b is None else m), [*np.eye(self.size)[:-4], d]

@@ -39,6 +39,7 @@ from holdfast.spatial.scalar import Array
 INSIDE = 3  # places between two nodes at which limits are measured
 MOST_ROUNDS = 20
 HALVED_BELOW, HALVED_BELOW_WIDTH = 0.99, 1 / 16  # lambda, and least share of the width, of intervals that are halved
+STANDS = 1e-9  # share of its scale below which s'^2 is rounding
 END_HALVINGS = 3
 NEARLY_KNOWN, KNOWN = 0.1, 1e-3  # relative change of speeds with dampers, to refine and to end
 LOST = 5e-4  # share of the whole time
@@ -199,6 +200,11 @@ def _reached(parts: Sequence[Interval], largest: Callable[..., tuple[Solved, lis
         if done.verdict is not Verdict.OPTIMAL:
             raise StateError(_not_found(done.verdict, parts[i]))
         motion[i], top[i] = done.v[-3:-1], max(float(done.v[-1]), 0.0)
+        if top[i] <= STANDS * 2.0 * parts[i].width * parts[i].unit:
+            raise StateError(
+                f"time_path: at s = {parts[i].points[0].s:g} the limits leave no motion from which the path can be"
+                " continued to rest; try wider limits, of accelerations for example"
+            )
         before[i] = _shares(done, names)
     forces: list[Array | None] = [None] * count
     b, limited_by = np.zeros(count + 1), []
