@@ -99,6 +99,7 @@ pictures: demo $(VENV)/.dev
 	cp results/two_pandas/grasp_wrenches.png docs/images/
 	$(BIN)/python benchmarks/joint_path_figure.py
 	$(BIN)/python benchmarks/controller_pictures.py
+	$(BIN)/python -m benchmarks.timed_paths --picture
 	HOLDFAST_RESULT=results/two_pandas HOLDFAST_PICTURE=docs/images/viewer.png $(BIN)/python -m pytest -q tests/view/test_page_in_chromium.py -k readme_picture
 
 # The documentation site, into docs/_build/html; without network, without warnings.

@@ -7,6 +7,7 @@ palm    steps of the torques while a hand turns over
 bends   torques beside their limits while an elbow is straightened
 tray    a mobile manipulator carries a tray 0.3 m
 tape    gradients through a rollout whose law keeps friction and torques within limits, beside differences
+paths   fastest timings of paths beside a joint programme (needs Clarabel)
 """
 
 from __future__ import annotations
@@ -19,12 +20,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from tests.control.three_pandas import three_pandas
 from tests.control.two_pandas import rubber_pandas
 from tests.planning.examples import mobile
 from tests.systems.as_chain import as_chain
 from tests.systems.special_systems import one_straight_arm_of_three
 
 import holdfast as hf
+from benchmarks import timed_paths
+from benchmarks.timed_paths import wheeled
 from holdfast.control.paths import pose_error
 from holdfast.forces import Distribution, ForceCost, ForceLimits, distribute, lift_margin
 from holdfast.spatial.scalar import Array
@@ -120,19 +124,6 @@ def hand() -> Iterator[Bar]:
     yield Bar("hand: largest normal force [N]", max(normals), 5.0)
 
 
-def three_pandas() -> tuple[hf.ClosedChain, hf.State]:
-    """Return three arms around a ball, which they hold with soft fingers."""
-    rubber = hf.Friction(mu=0.7, torsion_radius=0.01)
-    arms, grasps = {}, {}
-    for k, angle in enumerate(np.radians([0, 120, 240])):
-        out = np.array([np.cos(angle), np.sin(angle), 0.0])
-        arms[f"arm{k}"] = hf.robots.panda(hf.Pose.from_rpy(0, 0, angle + np.pi, 0.6 * out))
-        grasps[f"arm{k}"] = hf.Grasp("softfinger", hf.contact_frame(0.12 * out, into=-out), contact=rubber)
-    ball = hf.HeldObject.sphere(2.0, 0.12)
-    chain, state = hf.assemble(arms, ball, grasps, object_pose=hf.Pose.translation(0, 0, 0.6))
-    return chain, state
-
-
 def turning(chain: hf.ClosedChain, state: hf.State, step: int = 3, **asked: Any) -> tuple[float, float]:
     """Return the largest step of a torque, relative to its limit, and the least margin, over half a turn."""
     found = [distribute(turned_over(chain, degrees), state, **asked) for degrees in range(0, 181, step)]
@@ -187,15 +178,11 @@ def bends() -> Iterator[Bar]:
 
 def carried(time: float = TIME) -> tuple[hf.ClosedChain, hf.simulation.Trajectory]:
     """Return a mobile manipulator that carries its tray forwards, and what it did."""
-    chain, state = mobile()
+    chain, state = wheeled()
     trunk = chain.trunk
     assert trunk is not None
-    limits = ((500.0, 0.5), (500.0, 0.5), (300.0, 1.0))
-    drives = zip(trunk.joints, limits, strict=True)
-    wheels = [replace(joint, effort_limit=effort, rate_limit=rate) for joint, (effort, rate) in drives]
-    chain = replace(chain, trunk=replace(trunk, joints=wheels))
     path = hf.control.RestToRest(state.object_frame, [WAY, 0, 0], duration=TIME)
-    kept, arms = ForceLimits(sample_time=SAMPLE), np.arange(chain.joint_count) >= len(wheels)
+    kept, arms = ForceLimits(sample_time=SAMPLE), np.arange(chain.joint_count) >= len(trunk.joints)
 
     def law(t: float, now: hf.State, memory: Any) -> tuple[Array, Any]:
         goal = path.at(t)
@@ -263,10 +250,19 @@ def tape() -> Iterator[Bar]:
     )
 
 
+def paths() -> Iterator[Bar]:
+    """Yield how much longer fastest timings take than a fine joint programme, and how far they pass limits."""
+    for case in timed_paths.cases():
+        one = timed_paths.measured(case)
+        yield Bar(f"paths: {case.name}: time beyond a joint programme [%]", 100.0 * one.over, 1.0)
+        yield Bar(f"paths: {case.name}: limits passed between nodes [N]", one.passed, 1e-3)
+        print(f"      ({one.nodes} nodes, {one.seconds:.1f} s of processor time)")
+
+
 def main() -> int:
     """Print every number beside its bound; return 1 if one is missed."""
     missed = 0
-    for task in (hand, palm, bends, tray, tape):
+    for task in (hand, palm, bends, tray, tape, paths):
         for bar in task():
             print(bar, flush=True)
             missed += not bar.met

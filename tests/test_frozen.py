@@ -80,6 +80,7 @@ def examples() -> dict[str, Any]:
             hf.control.RampedForces(push, share),
             hf.control.HybridForce(1.0, 1e-3, push, sensor=chain),
             hf.follow(chain, state, hf.control.RestToRest(state.object_pose), 1.0, 0.25),
+            hf.time_path(chain, state, hf.control.RestToRest(state.object_pose, [0.0, 0.0, 0.1]), nodes=4),
             hf.dynamics.Posture({"left": 0.1}, np.ones(14)),
         ),
         *(

@@ -33,7 +33,7 @@ def least_time(points, width: float) -> float:
         for limit in point.limits:
             scale = 1.0 / (limit.weight * point.found.force)
             G, h = scale * limit.G, scale * limit.h
-            of_a, of_b = G[:, -2] / (2.0 * width), 0.5 * G[:, -1]
+            of_a, of_b = G[:, -3] / (2.0 * width), 0.5 * G[:, -2]
             rows.append(({**dict(zip(x, G.T, strict=False)), b[i]: of_b - of_a, b[i + 1]: of_b + of_a}, h))
             cones.append(clarabel.NonnegativeConeT(1) if len(h) == 1 else clarabel.SecondOrderConeT(len(h)))
     A, right = lil_matrix((sum(len(h) for _, h in rows), size)), np.concatenate([h for _, h in rows])

@@ -2,16 +2,19 @@
 
 import functools
 import pickle
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import holdfast as hf
 from holdfast.control import PoseSpline, RestToRest
 from holdfast.control.paths import Target
 from holdfast.errors import HoldfastError, MethodNotApplicable, ModelError, StateError
 from holdfast.forces import ForceLimits, distribute
+from holdfast.model.force_element import EndLoad, ForceElement
 from holdfast.robots import ur5e
 from holdfast.spatial import rotation
 from tests.control.two_pandas import rubber_pandas
@@ -63,10 +66,10 @@ class Arc:
 GRIP = ForceLimits(effort=0.8, most_normal=60.0)
 
 
-def pinned(timed, t: float):
+def pinned(timed, t: float, limits: ForceLimits = GRIP):
     """Return the limits with the accelerations of all joints given, up to 0.05 rad/s^2."""
     named = zip(timed.chain.joint_names(), timed.joints_at(t)[2], strict=True)
-    return replace(GRIP, acceleration={name: (x - 0.05, x + 0.05) for name, x in named})
+    return replace(limits, acceleration={name: (x - 0.05, x + 0.05) for name, x in named})
 
 
 @functools.cache
@@ -76,14 +79,16 @@ def arc_timed(nodes: int, rates: bool = True):
     return hf.time_path(chain, state, Arc(state.object_frame), GRIP, nodes=nodes)
 
 
-@pytest.mark.parametrize(("rates", "nodes"), mostly_slow([(True, 21), (False, 11), (False, 41)], [(False, 11)]))
-def test_limits_between_nodes(rates, nodes):
-    """At ten places of every interval, with forces of their own, limits are passed by 1e-3 N at most, rates by none."""
+@pytest.mark.parametrize(
+    ("rates", "nodes", "places"), mostly_slow([(True, 21, 10), (False, 11, 3), (False, 41, 10)], [(False, 11, 3)])
+)
+def test_limits_between_nodes(rates, nodes, places):
+    """At places of every interval, with forces of their own, limits are passed by 1e-3 N at most, rates by none."""
     timed = arc_timed(nodes, rates)
     chain = timed.chain
     most = np.array([joint.rate_limit for joint in chain.all_joints])
-    for i in range(nodes - 1):
-        for share in np.linspace(0.03, 0.97, 10):
+    for i in range(len(timed.u) - 1):
+        for share in np.linspace(0.03, 0.97, places):
             t = float(timed.t[i] + share * (timed.t[i + 1] - timed.t[i]))
             state = timed.state_at(t)
             found = distribute(chain, state, timed.at(t).acceleration, limits=pinned(timed, t), form="effort")
@@ -148,10 +153,10 @@ def test_speed_of_the_given_path_does_not_matter():
     np.testing.assert_allclose(spline.at(spline.duration).pose.p, end.p, atol=1e-12)
 
 
-def slide(rate=np.inf, effort=20.0, gravity=(0.0, 0.0, 0.0)):
+def slide(rate=np.inf, effort=20.0, gravity=(0.0, 0.0, 0.0), damping=0.0):
     """Return one arm with a sliding joint along x, which holds the object, and the moved mass."""
     one = hf.Arm(
-        [hf.Joint("prismatic", (1, 0, 0), effort_limit=effort, rate_limit=rate)],
+        [hf.Joint("prismatic", (1, 0, 0), effort_limit=effort, rate_limit=rate, damping=damping)],
         [hf.Link(2.0, inertia=0.01 * np.eye(3))],
     )
     chain = hf.ClosedChain({"arm": one}, hf.HeldObject.box(3.0, 0.1, 0.1, 0.1), {"arm": hf.Grasp("rigid")}, gravity)
@@ -179,7 +184,9 @@ def test_trapezoid():
     timed = hf.time_path(chain, state, along_x, span=(0.0, 0.5), nodes=21)
     rate = np.sqrt(0.8)
     assert timed.duration == pytest.approx(0.5 / rate + mass * rate / 20.0, rel=1e-6)
-    assert {name for by in timed.limited_by[6:13] for name in by} == {f"{chain.joint_names()[0]} rate"}
+    ends = zip(timed.u[:-1], timed.u[1:], timed.limited_by, strict=True)
+    fast = [by for u, v, by in ends if u > 0.2 - 1e-9 and v < 0.8 + 1e-9]
+    assert {next(iter(by)) for by in fast} == {f"{chain.joint_names()[0]} rate"}  # the first has the largest share
 
 
 def test_acceleration_limits():
@@ -190,6 +197,36 @@ def test_acceleration_limits():
         chain, state, along_x, ForceLimits(acceleration={name: (-1.0, 3.0)}), span=(0.0, 0.5), nodes=21
     )  # they meet at a quarter of the way, a node
     assert timed.duration == pytest.approx(np.sqrt(2.0 * 0.5 * (1.0 / 3.0 + 1.0)), rel=1e-6)
+
+
+@pytest.mark.parametrize("damping", [5.0, pytest.param(60.0, marks=pytest.mark.slow)])
+def test_dampers(damping):
+    """One joint with a damper d: v' = (F - d v) / m up to a speed v, then v' = -(F + d v) / m, in closed form."""
+    chain, state, m = slide(damping=damping)
+    timed, force = hf.time_path(chain, state, along_x, span=(0.0, 0.5), nodes=21), 20.0
+
+    def times(v):
+        return -m / damping * np.log1p(-damping * v / force), m / damping * np.log1p(damping * v / force)
+
+    def way(v):
+        faster, slower = times(v)
+        return (force * faster - m * v) / damping + (m * v - force * slower) / damping
+
+    v = brentq(lambda v: way(v) - 0.5, 1e-6, (1.0 - 1e-12) * min(force / damping, 10.0))
+    assert sum(times(v)) <= timed.duration <= 1.003 * sum(times(v))
+    for t in np.linspace(0.0, timed.duration, 400)[1:-1]:
+        _, qd, qdd = timed.joints_at(t)
+        assert abs(m * qdd[0] + damping * qd[0]) <= force + 1e-3
+
+
+@pytest.mark.slow
+def test_damped_arms():
+    """Between nodes too, the torques of damped arms keep the limits, with forces found anew."""
+    timed = hf.time_path(damped(3.0), STATE, ARC, GRIP, nodes=11)
+    assert timed.duration > 1.001 * arc_timed(11).duration
+    for t in np.linspace(0.01, 0.99, 60) * timed.duration:
+        found = distribute(timed.chain, timed.state_at(t), timed.at(t).acceleration, limits=pinned(timed, t))
+        assert found.violation <= 1e-3
 
 
 @pytest.mark.slow
@@ -270,12 +307,45 @@ def still_joints(s):
     return STATE.q, 0.0 * STATE.q + 1.0, 0.0 * STATE.q
 
 
-def damped():
+def damped(damping):
     """Return the chain with a damper in each joint."""
     arms = {
-        name: replace(one, joints=[replace(j, damping=1.0) for j in one.joints]) for name, one in CHAIN.arms.items()
+        name: replace(one, joints=[replace(j, damping=damping) for j in one.joints]) for name, one in CHAIN.arms.items()
     }
     return replace(CHAIN, arms=arms)
+
+
+class Dragged(NamedTuple):
+    """Drag at one instant."""
+
+    velocity: np.ndarray
+
+    def loads(self):
+        """Return -|v|^2 v on the second end."""
+        drag = (self.velocity @ self.velocity) * self.velocity
+        return EndLoad(drag), EndLoad(-drag)
+
+    def energy(self):
+        """Return zero."""
+        return 0.0
+
+    def loss(self):
+        """Return |v|^4."""
+        return (self.velocity @ self.velocity) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class Drag(ForceElement):
+    """A force against a motion that grows with the cube of its speed."""
+
+    def between(self, a, b):
+        """Return the drag."""
+        return Dragged(b.velocity - a.velocity)
+
+
+def dragged():
+    """Return the chain with drag on the box."""
+    return replace(CHAIN, springs=[Drag(("world", [0, 0, 0]), ("object", [0, 0, 0]))])
 
 
 PAUSED = PoseSpline([STATE.object_frame, STATE.object_frame, hf.Pose.translation(0.0, 0.0, 0.5)], [0.0, 1.0, 2.0])
@@ -289,7 +359,14 @@ REFUSED = {
     "no path": (lambda: hf.time_path(CHAIN, STATE, 3.0), ModelError, "time_path: path"),
     "joints": (lambda: hf.time_path(CHAIN, lambda s: s, ARC, nodes=4), ModelError, "time_path: joints"),
     "rates": (lambda: hf.time_path(CHAIN, still_joints, ARC, nodes=4), StateError, "the grasps demand other rates"),
-    "dampers": (lambda: hf.time_path(damped(), STATE, ARC, nodes=4), MethodNotApplicable, "dampers .joints left/"),
+    "drag": (lambda: hf.time_path(dragged(), STATE, ARC, nodes=4), MethodNotApplicable, "in proportion to it or to"),
+    "no braking": (
+        lambda: hf.time_path(
+            *slide()[:2], along_x, ForceLimits(acceleration={slide()[0].joint_names()[0]: (0.0, 1.0)}), nodes=4
+        ),
+        StateError,
+        "no motion from which the path can be continued",
+    ),
     "no grasp": (
         lambda: hf.time_path(replace(CHAIN, grasps={}), STATE, ARC, nodes=4), MethodNotApplicable, "no grasp",
     ),

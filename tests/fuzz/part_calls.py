@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -182,6 +183,33 @@ def _at_speed(poses: Any, speed: Any, turn_rate: Any, begin: Any) -> Any:
 @call("RestToRest", start=np.array(POSE), displacement=np.ones(3), turn=np.ones(3), begin=0.1, duration=2.0, t=0.7)
 def _rest(t: Any, **given: Any) -> Any:
     return control.RestToRest(**given).at(t)
+
+
+@cache
+def slide() -> tuple[hf.ClosedChain, hf.State]:
+    """Return an arm with a sliding joint that holds a box."""
+    joint = hf.Joint("prismatic", (1, 0, 0), effort_limit=20.0, rate_limit=1.0)
+    one = hf.Arm([joint], [hf.Link(2.0, inertia=0.01 * np.eye(3))])
+    chain = hf.ClosedChain({"arm": one}, hf.HeldObject.box(3.0, 0.1, 0.1, 0.1), {"arm": hf.Grasp("rigid")})
+    return chain, hf.State(np.zeros(1), np.zeros(1), hf.Pose.identity())
+
+
+@call(
+    "time_path",
+    displacement=np.array([0.5, 0.0, 0.0]),
+    span=(0.0, 2.0),
+    nodes=5,
+    effort=0.8,
+    most_normal={"arm": 50.0},
+    acceleration={"arm/joint1": (-3.0, 3.0)},
+    t=0.2,
+)
+def _time_path(displacement: Any, effort: Any, most_normal: Any, acceleration: Any, t: Any, **given: Any) -> Any:
+    chain, state = slide()
+    path = control.RestToRest(state.object_frame, displacement, duration=2.0)
+    limits = hf.forces.ForceLimits(effort, most_normal=most_normal, acceleration=acceleration)
+    timed = hf.time_path(chain, state, path, limits, **given)
+    return timed.t, timed.at(t).twist, timed.joints_at(t)[2], repr(timed)
 
 
 @call(

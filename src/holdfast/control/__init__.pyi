@@ -22,4 +22,5 @@ from .ramped_forces import RampedForces as RampedForces
 from .ramped_forces import unloaded as unloaded
 from .sampled import noise_stream as noise_stream
 from .sampled import sampled as sampled
+from .timed_path import TimedPath as TimedPath
 from .torque_schedule import TorqueSchedule as TorqueSchedule
