@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from tests.control.three_pandas import three_pandas
 from tests.control.two_pandas import rubber_pandas
-from tests.planning.examples import mobile
 from tests.systems.as_chain import as_chain
 from tests.systems.special_systems import one_straight_arm_of_three
 

@@ -66,7 +66,8 @@ def entries(kind: str, stand: str = STANDS[0]) -> Iterator[Timed]:
     bases = {name: np.array([x] * SYSTEMS) for name, x in base.items()}
     yield Timed("forward dynamics, bound", LIBRARY, fast.bind(**given, tau=torques), 1)
     asked: dict[str, Any] = {
-        f"{k} iterations": CompiledChain(chain, Options(further=further, iterations=k), None).distribute for k in (16, 12, 0)
+        f"{k} iterations": CompiledChain(chain, Options(further=further, iterations=k), None).distribute
+        for k in (16, 12, 0)
     }
     for name, function in asked.items():
         yield Timed(f"{name}, bound", LIBRARY, function.bind(**given, acceleration=one[4]), 1)
