@@ -62,7 +62,7 @@ FRACTION = 0.99  # of the way to the boundary
 LARGEST = 1e100  # step of v that is taken
 NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
 LOST_PIVOT = 1e-13  # of pivots of shared unknowns, relative to their own curvature
-UNFELT = 1e-7  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
+UNFELT = 1e-6  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
 
 
 class Iterate(NamedTuple):
