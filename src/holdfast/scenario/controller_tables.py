@@ -130,9 +130,12 @@ Wish = InternalForceTable | LoadShareTable | RampedForcesTable | InternalImpedan
 
 
 class PostureTable(KeyTable):
-    """A posture for what the object leaves free, see `PostureControl`; "start" is the initial one."""
+    """A posture for what the object leaves free, see `PostureControl`.
 
-    rest: list[float] | Literal["start"] | None = None
+    "start" is the initial one, "path" that of the joints along a path that is timed by `fastest`.
+    """
+
+    rest: list[float] | Literal["start", "path"] | None = None
     frequency: float = 5.0
     clearance: float = 0.0
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from holdfast.control.paths import ObjectPath, RestToRest
 from holdfast.control.pose_spline import HALF_TURN, PoseSpline
 from holdfast.control.posture_control import PostureControl
 from holdfast.control.ramped_forces import RampedForces
-from holdfast.control.timed_path import time_path
+from holdfast.control.timed_path import TimedPath, time_path
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.forces.elastic_distribution import distribution_parameters
 from holdfast.forces.limits import ForceCost, ForceLimits
@@ -130,11 +130,10 @@ def _measured(of: Controlled, at: Location) -> dict[str, Any]:
 
 
 def _posture(of: Controlled, data: tables.PostureTable, at: Location) -> PostureControl:
-    given = of.values(data, at)
-    if data.rest == "start":
-        given["rest"] = of.state.q
+    given = of.values(data, at, "rest")
+    rest = of.state.q if data.rest == "start" else None if data.rest == "path" else data.rest
     with at.refusals():
-        posture = PostureControl(**given)
+        posture = PostureControl(rest, **given)
         posture.require(of.chain)
         return posture
 
@@ -163,6 +162,8 @@ def _cooperative_law(of: Controlled, data: tables.CooperativeLawTable, at: Locat
             " = 50.0 }, or no inertia, for that of the closed chain"
         )
     given = of.values(data, at, "observer")
+    if data.posture is not None and data.posture.rest == "path":
+        given["posture"] = replace(given["posture"], rest=_joint_path(given["motion"], at / "posture" / "rest"))
     with at.refusals():
         law = cooperative_law(of.chain, **given)
     if data.observer is None:
@@ -171,6 +172,14 @@ def _cooperative_law(of: Controlled, data: tables.CooperativeLawTable, at: Locat
     period = of.sampled_with(place, "since the observer compares samples")
     with place.refusals():
         return observed(law, of.chain, sample_time=period, **of.values(data.observer, place))
+
+
+def _joint_path(motion: ObjectImpedance, at: Location) -> Callable[[Any], Any]:
+    """Return the path of the joints along the object's path."""
+    timed = getattr(motion.path, "__self__", None)
+    if not isinstance(timed, TimedPath):
+        raise at.refuse("expected a path that is timed by `fastest`, whose joints are known, got another; try 'start'")
+    return timed.joints_at
 
 
 def _path(of: Controlled, data: tables.PathTable, at: Location) -> ObjectPath:
