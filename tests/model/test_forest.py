@@ -64,6 +64,7 @@ def test_rate_maps_are_derivatives(kind):
         (lambda: BodyJoint("screw"), "a screw joint needs pitch"),
         (lambda: BodyJoint("revolute", pitch=0.1), "a revolute joint has no pitch"),
         (lambda: BodyJoint("planar", across=[0.0, 0.0, 1.0]), "perpendicular"),
+        (lambda: BodyJoint("free", hf.Pose.translation(0.1, 0.0, 0.0)), "expected the identity for a free body"),
         (lambda: BodyJoint("free", damping=1.0), "nothing drives or damps a free body"),
         (lambda: ForestBody(LINK, BodyJoint("free"), 0), "expected None for a free body"),
         (lambda: ForestBody(hf.Link(0.0), BodyJoint("free")), "mass of a free body"),

@@ -60,6 +60,8 @@ class BodyJoint(Frozen):
                 f"joint: kind: got {checks.short(self.kind)}.{checks.did_you_mean(str(self.kind), JOINT_KINDS)}"
             )
         put(self, "placement", checks.pose(self.placement, "joint: placement"))
+        if self.of_kind.floats and not (np.array_equal(self.placement.R, np.eye(3)) and not self.placement.p.any()):
+            raise ModelError("joint: placement: expected the identity for a free body, whose pose is its position")
         put(self, "axis", checks.unit_vector(self.axis, "joint: axis"))
         for name in ("across", "pitch"):
             if (getattr(self, name) is None) == (self.of_kind.needs == name):

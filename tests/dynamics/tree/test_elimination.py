@@ -12,7 +12,7 @@ from holdfast.compiler.interpret import interpret
 from holdfast.compiler.trace import trace
 from holdfast.dynamics import Status
 from holdfast.dynamics.tree import belief
-from holdfast.dynamics.tree.elimination import eliminated
+from holdfast.dynamics.tree.elimination import eliminated, solved
 from holdfast.dynamics.tree.forest_dynamics import FOREST_METHODS, forest_dynamics
 from holdfast.dynamics.tree.forest_motion import ForestMotion, forest_motion
 from holdfast.dynamics.tree.plan import plan_of
@@ -120,6 +120,20 @@ def test_rows_in_pivot_order(monkeypatch):
     in_order = error()
     monkeypatch.setattr(belief, "first_by", lambda variance, table: (table[0], table[1:]))
     assert error() > 10 * in_order
+
+
+@pytest.mark.parametrize("seed", [101, 341])
+def test_large_forces_that_balance(seed):
+    """A heavy object costs the accelerations of light fingers digits, which a pass at rest brings back."""
+    p = random_forest(seed)
+    motion, plan, truth = motion_of(p), plan_of(p.forest.topology), ForestEquations(*p[1:], digits=50).solved()
+
+    def error(found) -> float:
+        pairs = zip(motion.bodies, found.beta, strict=True)
+        return gap([body.true_acceleration(beta, p.forest.gravity) for body, beta in pairs], truth.acceleration)
+
+    assert error(eliminated(motion, plan)) > 1e-10
+    assert error(solved(motion, plan)) < 1e-13
 
 
 @pytest.mark.parametrize("seed", [3, 5, 9, 12, 24, 37, 48])
