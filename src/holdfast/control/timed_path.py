@@ -117,7 +117,7 @@ class TimedPath(Frozen):
         """
         t = checks.number(t, "timed path: t")
         begin, first, rate, second, growth = row_at(t, self.t[:-1], self._rows)
-        after, moves = t - begin, where(t < 0.0, 0.0, where(t <= self.duration, 1.0, 0.0))
+        after, moves = t - begin, where(t < 0.0, 0.0, where(t < self.duration, 1.0, 0.0))
         sine, versine = _integrals(growth, after)
         way = rate * sine + second * versine
         u = where(t < self.duration, minimum(first + way, 1.0), 1.0)
