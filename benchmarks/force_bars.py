@@ -156,11 +156,14 @@ def excess(chain: hf.ClosedChain, found: Distribution) -> float:
 
 def bends() -> Iterator[Bar]:
     """Yield by how much torques pass their limits near singular postures, for the nearest acceleration and a share."""
-    yielding, shares, missed = [], [], []
+    yielding, shares, missed, quick = [], [], [], []
     for bend in BENDS:
         chain, state = nearly_straight(bend)
         nearest = distribute(chain, state, WANTED, cost=ForceCost(task=100.0))
         share = lift_margin(chain, state, WANTED)
+        code = hf.compile(chain, parameters=["task_weight"]).distribute
+        found = code(state.q, state.qd, state.object_pose, state.object_twist, WANTED, task_weight=100.0)
+        quick.append(float((np.abs(found.tau) / efforts(chain)).max()) - 1.0)
         yielding.append(excess(chain, nearest))
         shares.append(excess(chain, share))
         back = hf.forward_dynamics(chain, state, nearest.tau).object_acceleration
@@ -171,6 +174,7 @@ def bends() -> Iterator[Bar]:
             f"      (bend {bend:g}: exact {exact:.3g} limits, nearest off by {distance:.2g}, share {share.value:.2g})"
         )
     yield Bar("bends: torques of the nearest acceleration beyond their limits [limits]", max(yielding), 1e-9)
+    yield Bar("bends: the same in machine code [limits]", max(quick), 1e-9)
     yield Bar("bends: torques of the largest share beyond their limits [limits]", max(shares), 1e-9)
     yield Bar("bends: forward dynamics misses the nearest acceleration by [m/s^2]", max(missed), 1e-10)
 

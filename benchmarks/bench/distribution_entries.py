@@ -63,7 +63,7 @@ def entries(kind: str, stand: str = STANDS[0]) -> Iterator[Timed]:
     names, torques = DISTRIBUTE.inputs[:4], np.zeros(chain.joint_count)
     base = {"floating_pose": state.base_pose, "floating_twist": state.base_twist} if chain.floats else {}
     given = {name: np.array(x) for name, x in [*zip(names, one, strict=False), *base.items()]}
-    bases = {name: np.array([x] * SYSTEMS) for name, x in base.items()}
+    bases: dict[str, Any] = {name: np.array([x] * SYSTEMS) for name, x in base.items()}
     yield Timed("forward dynamics, bound", LIBRARY, fast.bind(**given, tau=torques), 1)
     asked: dict[str, Any] = {
         f"{k} iterations": CompiledChain(chain, Options(further=further, iterations=k), None).distribute

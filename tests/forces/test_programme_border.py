@@ -90,7 +90,7 @@ def test_the_reference_says_the_same(kind, given):
 
 
 def laden(kind: str, seed: int) -> Problem:
-    """Return two arms on a random trunk or floating base in motion, under wrenches on all bodies, and one thing more."""
+    """Return two arms on a trunk or floating base in motion, under wrenches on all bodies, and one thing more."""
     p = on_trunk(random_problem(seed, joints=(7, 7), grasps=("rigid", "rigid")), seed, 2, floating=seed % 2 == 1)
     last = p.chain.names[1]
     if kind == "an arm that holds nothing":
@@ -122,7 +122,8 @@ def random_question(seed: int) -> tuple[Problem, Array, dict[str, Array], ForceC
         return p, np.linalg.pinv(task) @ values, {"task": np.concatenate([task, np.zeros((3, 6))])}, ForceCost(), task
     if seed % 3:
         return p, values, {}, ForceCost(), None
-    return p, values, {"task_weight": np.array(10.0)}, ForceCost(task=10.0, price=101e3), None
+    falling = values - np.r_[np.zeros(3), p.chain.gravity]
+    return p, values, {"task_weight": np.array(10.0)}, ForceCost(task=10.0, price=1e3 * (1.0 + falling @ falling)), None
 
 
 @pytest.mark.parametrize("seed", mostly_long(range(400), range(12)))

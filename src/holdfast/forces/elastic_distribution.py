@@ -3,9 +3,9 @@
     min   1/2 sum w_j tau_j^2 + 1/2 wrench_weight^2 sum |(lambda - wish) / F0|^2
           + 1/2 acceleration_weight^2 sum ((qdd_j - wished_qdd_j) / 10)^2 + price v / F0 + 1/2 (v / F0)^2
 
-over all accelerations and wrenches that give the object its acceleration, or those of its rows that are asked, S alpha
-= S alpha_asked. With a task_weight W, what is asked gives way at the cost 1/2 W^2 |S (alpha - alpha_asked)|^2, and the
-price is 1 + W^2 times as high, so that it gives way before the limits. Every limit gives way by v [N]: torques
+over all accelerations and wrenches that give the object the asked acceleration a, or rows of it, S alpha = S a. With a
+task_weight W, what is asked gives way at the cost 1/2 W^2 |S (alpha - a)|^2, and the price is multiplied by
+1 + (W |S (a - [0; g])| / 10)^2, so that the limits give way last. They do so by v [N]: torques
 of turning joints by v L, conditions of grasps and forces of sliding joints by v. L is the rms distance of the contact
 points from their centroid; F0 is the size of the wrench that the object needs, with moments divided by L.
 Limits of joint accelerations give way by 1 rad/s^2 or m/s^2 for each newton.
@@ -25,7 +25,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces.acceleration_map import SMALLEST_FORCE_SCALE, asked_rows
 from holdfast.forces.arm_block import FARTHEST, NO_LIMIT, Weights, arm_answer, arm_block, of_arm, per_torque
-from holdfast.forces.block_columns import BlockColumn, block_column
+from holdfast.forces.block_columns import NULL_UNIT, BlockColumn, block_column
 from holdfast.forces.elastic_derivatives import central_point, require_barrier
 from holdfast.forces.elastic_programme import ITERATIONS
 from holdfast.forces.limit_rows import acceleration_ranges
@@ -189,8 +189,8 @@ def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS
     """Return the torques, accelerations and wrenches; see `programme`."""
     made = programme(motion, own)
     price, barrier = (own[name][()] for name in ("price", "barrier"))
-    if made.asked.task_weight is not None:  # limits are dearer than what is asked
-        price = price * (1.0 + made.asked.task_weight * made.asked.task_weight)
+    if made.asked.task_weight is not None:
+        price = price * (1.0 + (made.asked.dearer - 1.0) * (1.0 / NULL_UNIT / NULL_UNIT))
     found = central_point(made.blocks, made.e, price, iterations, barrier)
     arms, shared = len(made.arms), made.shared
     answers = each(arm_answer, made.arms, made.held, made.columns, found.x[:arms])
