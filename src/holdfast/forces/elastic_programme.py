@@ -13,7 +13,8 @@ Slacks are s = h - G x + v from the start, and steps keep that. In the right-han
 of the scaling W. It is used as known: computed, it would lose the digits that W^-2 magnifies.
 
 References: Mehrotra, "On the implementation of a primal-dual interior point method", 1992; Nesterov and Todd,
-"Self-scaled barriers and interior-point methods for convex programming", 1997; Boyd and Wegbreit, "Fast computation of
+"Self-scaled barriers and interior-point methods for convex programming", 1997; Colombo and Gondzio, "Further
+development of multiple centrality correctors for interior point methods", 2008; Boyd and Wegbreit, "Fast computation of
 optimal contact forces", 2007.
 """
 
@@ -60,6 +61,7 @@ ITERATIONS = 16
 SOLVED = 1e-9  # residual at which the iterate is kept
 FRACTION = 0.99  # of the way to the boundary
 LARGEST = 1e100  # step of v that is taken
+SHORT_PREDICTOR = 0.3  # a longest step below which the predictor's second order is trusted in this proportion only
 NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
 LOST_PIVOT = 1e-13  # of pivots of shared unknowns, relative to their own curvature
 UNFELT = 1e-6  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
@@ -234,9 +236,10 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
     sigma = less * less * less
     centre, part = maximum(sigma * gap * (1.0 / degree), coupling.barrier), 1.0 - sigma
 
-    # corrector: the predictor aims at mu = 0, and its second order goes with the square of the way to the barrier's mu
+    # corrector: the predictor aims at mu = 0, and its second order goes with the square of the way to the barrier's mu.
+    # Where the predictor hardly moves, its second order says little: in full, two bounds take turns for ten iterations
     less = 1.0 - minimum(coupling.barrier * degree * reciprocal(gap), 1.0)
-    second = less * less
+    second = less * less * where(longest < SHORT_PREDICTOR, longest, 1.0)
     factor = 1.0 - second * (ratio * (1.0 + ratio)) - centre * product
     wanted = each(lambda *of_block: right_side(centre, second, *of_block), blocks, points, of, ahead)
     right = [u.pull - part * (f.gradient + f.pull) for u, f in zip(wanted, of, strict=True)]
