@@ -2,10 +2,10 @@
 
     python -m benchmarks.random_paths [paths]                by default 1,000, some minutes
 
-Every path moves and turns the object from rest to rest with a bump to the side. The law is `cooperative_law` with limits
-on torques, a demanded margin and an acceleration that gives way, sampled at 1 kHz; positions and rates of joints have no
-limits. Half the paths end near the edge of the reach, or a little beyond, where arms are straight. Counted are runs
-that diverge, torques beyond their limits, and slips that no margin below the demanded one foretold.
+Every path moves and turns the object from rest to rest with a bump to the side. The law is `cooperative_law` with
+limits on torques, a demanded margin and an acceleration that gives way, sampled at 1 kHz; positions and rates of joints
+have no limits. Half the paths end near the edge of the reach, or a little beyond, where arms are straight. Counted are
+runs that diverge, torques beyond their limits, and slips that no margin below the demanded one foretold.
 """
 
 from __future__ import annotations
