@@ -32,7 +32,7 @@ from holdfast.errors import StateError
 from holdfast.forces.certificate import MENTIONED_SHARE
 from holdfast.forces.cone_solver import Verdict
 from holdfast.forces.path_interval import LATER, Interval, durations, peak
-from holdfast.forces.path_point import OF_RATE, PASSED, PathPoint
+from holdfast.forces.path_point import OF_RATE, PASSED_BETWEEN, PathPoint
 from holdfast.forces.programmes import Solved
 from holdfast.spatial.scalar import Array
 
@@ -42,7 +42,7 @@ LEAST_WIDTH = 1 / 16  # of intervals that are halved, as a share of the narrowes
 STANDS = 1e-9  # share of its scale below which s'^2 is rounding
 END_HALVINGS = 3
 NEARLY_KNOWN, KNOWN = 0.1, 1e-3  # relative change of speeds with dampers, to refine and to end
-LOST, LOST_BY_SLOWNESS = 5e-4, 5e-5  # shares of the whole time for which an interval is halved
+LOST_TIME, LOST_BY_SLOWNESS = 5e-4, 5e-5  # shares of the whole time for which an interval is halved
 BELOW_TOP = 1.0 - 1e-7  # share of the largest b that is used: at it, the only choice left is hard to find
 
 
@@ -122,20 +122,20 @@ def fastest_timing(point_at: Callable[[float], PathPoint], nodes: Array, damped:
             np.sqrt(profile.b[:-1]) + np.sqrt(profile.b[1:]),
             2.0 * profile.motion[:, 1],
         )
-        slow = _lost(parts, profile, times) > LOST * times.sum()
+        slow = _lost(parts, profile, times) > LOST_TIME * times.sum()
         passed = []
         for part, y, x in zip(parts, courses, profile.forces, strict=True):
             simply = None if x is None else part.violations_with(x, *y)
-            passed.append(violations(part, *y) if simply is None or peak(simply) > PASSED else simply)
+            passed.append(violations(part, *y) if simply is None or peak(simply) > PASSED_BETWEEN else simply)
         peaks = np.array([peak(one) for one in passed])
         slow &= [part.width > least for part in parts]
-        if peaks.max() <= PASSED and known and not slow.any():
+        if peaks.max() <= PASSED_BETWEEN and known and not slow.any():
             ends = [parts[0].points[0], *(part.points[-1] for part in parts)]
             u, most = (np.array(x) for x in zip(*((one.u, one.fastest()) for one in ends), strict=True))
             return Timing(u, profile.b, profile.a, profile.top, most, profile.limited_by, -peaks)
         refined = []
         for part, y, one, most, time, halved in zip(parts, courses, passed, peaks, times, slow, strict=True):
-            slower = part.slower * (1.0 if most <= PASSED else part.possible_share(one))
+            slower = part.slower * (1.0 if most <= PASSED_BETWEEN else part.possible_share(one))
             lost = (1.0 - np.sqrt(slower)) * time
             if halved or (lost > LOST_BY_SLOWNESS * times.sum() and part.width > least):
                 refined += _halves(point_at, part, part.rates_with(*y) if damped else None)
