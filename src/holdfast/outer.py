@@ -29,6 +29,7 @@ _MODULES = {
     "view.page": ("export_page", "page"),
     "view.playback": ("playback_of_run",),
     "view.plots": ("figures",),
+    "view.timing_plot": ("plot_timing",),
 }
 MODULE_OF = {name: f"holdfast.{module}" for module, names in _MODULES.items() for name in names}
 

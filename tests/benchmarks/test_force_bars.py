@@ -26,6 +26,14 @@ def test_the_largest_margin_would_not_do():
 
 
 @pytest.mark.long
+def test_paths():
+    """Timings of all paths are near those of a joint programme, and keep the limits between nodes."""
+    pytest.importorskip("clarabel", reason="needs Clarabel: pip install clarabel")
+    for bar in force_bars.paths():
+        assert bar.met, bar
+
+
+@pytest.mark.long
 def test_hand():
     """The Allegro hand holds the ball in every tilt of its palm."""
     if force_bars.allegro() is None:

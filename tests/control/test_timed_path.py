@@ -284,6 +284,29 @@ def test_tracking():
     assert run.margin.min() > 0.0
 
 
+def test_speeds():
+    """No speed is above the largest from which one can stop, and that not above what the place permits."""
+    timed = arc_timed(21)
+    assert (timed.rate <= timed.fastest * (1 + 1e-9)).all()
+    assert (timed.fastest <= timed.maximum * (1 + 1e-6)).all()
+    assert timed.rate[0] == timed.rate[-1] == timed.fastest[-1] == 0.0
+
+
+def test_plot(tmp_path):
+    """The figure shows the three speeds, names what limits them, with units, and is written on request."""
+    timed = arc_timed(21)
+    figure = timed.plot(tmp_path / "timing.png")
+    speeds, room = figure.axes
+    np.testing.assert_array_equal(speeds.lines[0].get_ydata(), timed.rate)
+    assert (speeds.get_ylabel(), room.get_ylabel(), room.get_xlabel()) == (
+        "speed [1/s]", "room [N]", "share of the path",
+    )  # fmt: skip
+    first = {next(iter(by)) for by in timed.limited_by if by}
+    labels = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {f"limited by {name}" for name in first} <= labels or "limited by others" in labels
+    assert (tmp_path / "timing.png").stat().st_size > 10_000
+
+
 def test_pickles():
     """With its path and joints."""
     timed = arc_timed(21)

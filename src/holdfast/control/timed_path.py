@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast import outer
 from holdfast.control.path_by_share import PathByShare, closed_along, path_by_share
 from holdfast.control.paths import Joints, ObjectPath, Target, path_function
 from holdfast.control.piecewise import row_at
@@ -28,7 +29,7 @@ from holdfast.state import State
 
 QUADRATIC = 1e-6  # relative difference of torques from a quadratic function of the speed
 CONSISTENT = 1e-3  # largest relative difference between the rates of a joint path and those its grasps demand
-TERMS = 14  # of series
+SERIES_TERMS = 14  # of series
 MOST_TIMED_NODES = 10_000
 SAMPLES_PER_NODE = 4  # of the joint path per node
 
@@ -140,10 +141,8 @@ class TimedPath(Frozen):
             MissingExtra: matplotlib is not installed.
             ResultError: the file cannot be written.
         """
-        from holdfast.view.timing_plot import plot_timing
-
         speeds = {"timing": self.rate, "largest that can still stop": self.fastest, "largest here": self.maximum}
-        return plot_timing(self.u, speeds, self.limited_by, self.room, self.duration, path)
+        return outer.plot_timing(self.u, speeds, self.limited_by, self.room, self.duration, path)
 
     def __repr__(self) -> str:
         """Return the duration and the number of nodes, on one line."""
@@ -226,7 +225,7 @@ def _integrals(growth: Scalar, t: Scalar) -> tuple[Scalar, Scalar]:
     |w t| is at most pi where w^2 < 0, and 3.7 else (`path_interval.LEAST_CONTROL`).
     """
     square, sine, versine = growth * t * t, 0.0, 0.0
-    for k in range(TERMS, -1, -1):
+    for k in range(SERIES_TERMS, -1, -1):
         sine = sine * square + 1.0 / math.factorial(2 * k + 1)
         versine = versine * square + 1.0 / math.factorial(2 * k + 2)
     return t * sine, t * t * versine

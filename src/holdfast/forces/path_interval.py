@@ -17,12 +17,12 @@ from functools import cached_property
 import numpy as np
 
 from holdfast.forces.limit_rows import Limit
-from holdfast.forces.path_point import NO_COST, PASSED, PathPoint
+from holdfast.forces.path_point import NO_COST, PASSED_BETWEEN, PathPoint
 from holdfast.forces.programmes import Solved, answer, posed
 from holdfast.spatial.scalar import Array
 
 LATER = "later speed"
-UNEVEN = 1e-2  # price of a change of s'' in an interval, relative to what it gains
+UNEVEN_PRICE = 1e-2  # price of a change of s'' in an interval, relative to what it gains
 LEAST_CONTROL = 0.1  # share of the mean of both ends, below which b's middle control point does not sink
 FASTER = 2.0  # multiple of `rates` up to which dampers are taken as linear in b
 SLOWEST, LEAST_CHANGE = 0.5, 1e-3  # smallest lambda of a round, and smallest change
@@ -131,7 +131,7 @@ class Interval:
     def possible_share(self, passed: Array) -> float:
         """Return lambda for violations (places,) at lambda = 1."""
         bulge = np.pad(above(passed), 1)
-        goal = np.minimum(0.0, 0.5 * PASSED - np.maximum(bulge[:-1], bulge[1:]))
+        goal = np.minimum(0.0, 0.5 * PASSED_BETWEEN - np.maximum(bulge[:-1], bulge[1:]))
         at_rest = np.array([point.at_rest for point in self.points])
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(passed > goal, (goal - at_rest) / (passed - at_rest), 1.0).min()
@@ -150,7 +150,7 @@ class Interval:
         middle, mean = D * (m - d) + at, D * m + at  # b is a parabola through its ends that these three control
         bounds = [(LEAST_CONTROL * mean - middle, 0.0, 2.0 * D * unit), (d - t, 0.0, unit), (-d - t, 0.0, unit)]
         way, others = (at if b is None else m), [*np.eye(self.size)[:-4], d]
-        price = UNEVEN * (2.0 * D if b is None else 1.0)
+        price = UNEVEN_PRICE * (2.0 * D if b is None else 1.0)
         if b is None:
             bounds.append((-at, 0.0, 2.0 * D * unit))
         if b is None and top == 0.0:

@@ -31,7 +31,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, shaped_inputs
 
-PASSED = 5e-4  # N by which limits may be passed
+PASSED_BETWEEN = 5e-4  # N by which limits may be passed
 NO_COST = Costs(np.zeros((0, 0)), np.zeros(0))
 OF_RATE = "rate"
 
@@ -109,7 +109,7 @@ class PathPoint:
         Raises:
             StateError: it cannot.
         """
-        if (lack := self.at_rest) > PASSED:
+        if (lack := self.at_rest) > PASSED_BETWEEN:
             done = self._least_violation(0.0, 0.0)
             words = [limit.words for limit in self.forces]
             proof = certificate(words, done.parts, lack, done.dual_residual * self.found.force)

@@ -32,17 +32,17 @@ from holdfast.errors import StateError
 from holdfast.forces.certificate import MENTIONED_SHARE
 from holdfast.forces.cone_solver import Verdict
 from holdfast.forces.path_interval import LATER, Interval, durations, peak
-from holdfast.forces.path_point import OF_RATE, PASSED, PathPoint
+from holdfast.forces.path_point import OF_RATE, PASSED_BETWEEN, PathPoint
 from holdfast.forces.programmes import Solved
 from holdfast.spatial.scalar import Array
 
 INSIDE = 3  # places between two nodes at which limits are measured
 MOST_ROUNDS = 20
-HALVED_BELOW, HALVED_BELOW_WIDTH = 0.99, 1 / 16  # lambda, and least share of the width, of intervals that are halved
+LEAST_WIDTH = 1 / 16  # of intervals that are halved, as a share of the narrowest at first
 STANDS = 1e-9  # share of its scale below which s'^2 is rounding
 END_HALVINGS = 3
 NEARLY_KNOWN, KNOWN = 0.1, 1e-3  # relative change of speeds with dampers, to refine and to end
-LOST = 5e-4  # share of the whole time
+LOST_TIME, LOST_BY_SLOWNESS = 5e-4, 5e-5  # shares of the whole time for which an interval is halved
 BELOW_TOP = 1.0 - 1e-7  # share of the largest b that is used: at it, the only choice left is hard to find
 
 
@@ -105,7 +105,7 @@ def fastest_timing(point_at: Callable[[float], PathPoint], nodes: Array, damped:
     point_at = functools.cache(point_at)
     largest, violations = functools.cache(Interval.largest), functools.cache(Interval.violations)
     parts = [_interval(point_at, float(u), float(v)) for u, v in pairwise(_graded(nodes))]
-    least, why, known = HALVED_BELOW_WIDTH * float(np.diff(nodes).min()), "", not damped
+    least, why, known = LEAST_WIDTH * float(np.diff(nodes).min()), "", not damped
     for _ in range(MOST_ROUNDS):
         profile = _reached(parts, largest)
         courses = np.c_[profile.motion, profile.b[:-1]].tolist()
@@ -117,20 +117,27 @@ def fastest_timing(point_at: Callable[[float], PathPoint], nodes: Array, damped:
             if not near:
                 continue
             known = change < KNOWN
-        slow = _slow(parts, profile, least)
+        times = durations(
+            np.array([part.width for part in parts]),
+            np.sqrt(profile.b[:-1]) + np.sqrt(profile.b[1:]),
+            2.0 * profile.motion[:, 1],
+        )
+        slow = _lost(parts, profile, times) > LOST_TIME * times.sum()
         passed = []
         for part, y, x in zip(parts, courses, profile.forces, strict=True):
             simply = None if x is None else part.violations_with(x, *y)
-            passed.append(violations(part, *y) if simply is None or peak(simply) > PASSED else simply)
+            passed.append(violations(part, *y) if simply is None or peak(simply) > PASSED_BETWEEN else simply)
         peaks = np.array([peak(one) for one in passed])
-        if peaks.max() <= PASSED and known and not slow.any():
+        slow &= [part.width > least for part in parts]
+        if peaks.max() <= PASSED_BETWEEN and known and not slow.any():
             ends = [parts[0].points[0], *(part.points[-1] for part in parts)]
             u, most = (np.array(x) for x in zip(*((one.u, one.fastest()) for one in ends), strict=True))
             return Timing(u, profile.b, profile.a, profile.top, most, profile.limited_by, -peaks)
         refined = []
-        for part, y, one, most, lost in zip(parts, courses, passed, peaks, slow, strict=True):
-            slower = part.slower * (1.0 if most <= PASSED else part.possible_share(one))
-            if lost or (slower < HALVED_BELOW and part.width > least):
+        for part, y, one, most, time, halved in zip(parts, courses, passed, peaks, times, slow, strict=True):
+            slower = part.slower * (1.0 if most <= PASSED_BETWEEN else part.possible_share(one))
+            lost = (1.0 - np.sqrt(slower)) * time
+            if halved or (lost > LOST_BY_SLOWNESS * times.sum() and part.width > least):
                 refined += _halves(point_at, part, part.rates_with(*y) if damped else None)
             else:
                 refined.append(part if slower == part.slower else replace(part, slower=slower))
@@ -161,13 +168,12 @@ def _graded(nodes: Array) -> Array:
     return np.concatenate([nodes[:1], first, nodes[1:-1], last, nodes[-1:]])
 
 
-def _slow(parts: Sequence[Interval], profile: Profile, least: float) -> Array:
-    """Return which intervals take longer than what bounds them seems to allow, (intervals,) booleans.
+def _lost(parts: Sequence[Interval], profile: Profile, times: Array) -> Array:
+    """Return by how much longer intervals take than what bounds them seems to allow, (intervals,).
 
     These are the rates there, and the accelerations beside them, where forces bound those.
     """
-    b, widths = profile.b, np.array([part.width for part in parts])
-    times = durations(widths, np.sqrt(b[:-1]) + np.sqrt(b[1:]), 2.0 * profile.motion[:, 1])
+    b = profile.b
     by_rates = [sum(x for name, x in one.items() if name.endswith(OF_RATE)) for one in profile.limited_by]
     by_forces = np.array([sum(one.values()) for one in profile.limited_by]) > 2.0 * np.array(by_rates)
     a = np.where(by_forces[:, None], profile.a, np.nan)
@@ -178,7 +184,7 @@ def _slow(parts: Sequence[Interval], profile: Profile, least: float) -> Array:
         bounds = part.most, b[i] + 2.0 * before[i] * way, b[i + 1] - 2.0 * after[i + 1] * (part.width - way)
         most = np.sqrt(np.maximum(functools.reduce(np.fmin, bounds), 0.0))
         lost.append(times[i] - durations(np.diff(way), most[:-1] + most[1:], np.zeros(len(way) - 1)).sum())
-    return (np.array(lost) > LOST * times.sum()) & (widths > least)
+    return np.array(lost)
 
 
 def _halves(point_at: Callable[[float], PathPoint], part: Interval, rates: Array | None) -> list[Interval]:
