@@ -17,7 +17,6 @@ from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
-from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array, Scalar, clip, maximum, minimum, sqrt, where
 from holdfast.state import State, require_fit
 
@@ -153,10 +152,15 @@ def _continued(chain: ClosedChain, start: State, places: Array, targets: list[Ta
         q = closed_along(held, q, np.zeros_like(q), target).q
         found.append(q)
     still = [(1, np.zeros_like(q)), (2, np.zeros_like(q))]
-    whole = make_interp_spline(places, np.array(found), k=5, bc_type=(still, still) if rests else None)
+    try:
+        whole = make_interp_spline(places, np.array(found), k=5, bc_type=(still, still) if rests else None)
+    except np.linalg.LinAlgError as cause:
+        raise ModelError(
+            f"time_path: span: expected one whose places rounding tells apart, got {places[0]:g} to {places[-1]:g}"
+        ) from cause
     begins = np.unique(whole.t)[:-1]
     coefficients = np.stack([whole(begins, j) / math.factorial(j) for j in range(6)], axis=-1)
-    return JointSpline(read_only(begins), read_only(coefficients))
+    return JointSpline(checks.read_only(begins), checks.read_only(coefficients))
 
 
 def held_steadily(chain: ClosedChain, state: State) -> ClosedChain:

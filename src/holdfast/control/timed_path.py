@@ -24,7 +24,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.spatial.frozen import ArrayField, Frozen, frozen, frozen_property
-from holdfast.spatial.scalar import Array, Scalar, minimum, where
+from holdfast.spatial.scalar import Array, Scalar, clip, minimum, where
 from holdfast.state import State
 
 QUADRATIC = 1e-6  # relative difference of torques from a quadratic function of the speed
@@ -119,6 +119,7 @@ class TimedPath(Frozen):
         t = checks.number(t, "timed path: t")
         begin, first, rate, second, growth = row_at(t, self.t[:-1], self._rows)
         after, moves = t - begin, where(t < 0.0, 0.0, where(t < self.duration, 1.0, 0.0))
+        after = clip(after, 0.0, self.duration)
         sine, versine = _integrals(growth, after)
         way = rate * sine + second * versine
         u = where(t < self.duration, minimum(first + way, 1.0), 1.0)
