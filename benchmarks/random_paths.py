@@ -4,8 +4,9 @@
 
 Every path moves and turns the object from rest to rest with a bump to the side. The law is `cooperative_law` with
 limits on torques and joints, a demanded margin and an acceleration that gives way, sampled at 1 kHz. Without the limits
-on joint rates, straight arms snap through faster than samples can follow. Half the paths end near the edge of the reach, or a little beyond, where arms are straight. Counted are
-runs that diverge, torques beyond their limits, and slips that no margin below the demanded one foretold.
+on joint rates, straight arms snap through faster than samples can follow. Half the paths end near the edge of the
+reach, or a little beyond, where arms are straight. Counted are runs that diverge, torques beyond their limits, and
+slips that no margin below the demanded one foretold.
 """
 
 from __future__ import annotations
