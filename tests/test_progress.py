@@ -227,6 +227,7 @@ def said_by(folder, *arguments):
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", said.decode())
 
 
+@pytest.mark.slow
 def test_first_calls_on_a_terminal(tmp_path):
     """They say what is compiled, and how much, unless told not to; the processes of workers say nothing."""
     (tmp_path / "other").mkdir()

@@ -7,6 +7,7 @@ from benchmarks.random_distributions import FORMS, outcome, outcomes
 from holdfast.forces.cone_solver import Verdict
 
 
+@pytest.mark.slow
 def test_random_questions():
     """Residuals are at most 1e-7, on nearly all 1e-9; no verdict contradicts the least violation; all kinds occur.
 

@@ -51,6 +51,7 @@ def test_programs(program, values):
     check(schedule_of(lowered(program)), systems)
 
 
+@pytest.mark.slow
 @few
 @given(schedules(), st.integers(0, 2**32), st.booleans(), st.integers(1, 4))
 def test_schedules(schedule, seed, wild, count):

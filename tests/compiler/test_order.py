@@ -37,6 +37,7 @@ def live_by_definition(program: Program) -> list[int]:
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(programs(20))
 def test_live_numbers(program):

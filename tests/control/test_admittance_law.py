@@ -39,6 +39,7 @@ def carried(state, joints, way):
     return hf.close(CHAIN, hf.State(state.q + joints, np.zeros(N), there.wxyz_xyz))
 
 
+@pytest.mark.slow
 def test_gives_way_by_its_stiffness():
     """A rate-controlled box under a steady push comes to rest displaced by K^-1 w, to a micrometre."""
     push = np.array([0.0, 0.0, 0.0, 4.0, -2.0, -6.0])

@@ -89,6 +89,7 @@ def test_which_arm_is_pushed():
     assert np.abs(found.object_wrench).max() < 0.5
 
 
+@pytest.mark.slow
 def test_the_object_is_pushed():
     """With wrist sensors, a push on the box is on the box alone."""
     found = simulated({"object_wrench": PUSH})

@@ -65,6 +65,7 @@ def test_error_is_that_of_a_linear_system():
         assert goal.at(0.0).pose.p - run.object_pose[k, 4:] == pytest.approx(e[:3], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_energy_only_leaves():
     """The energy of spring and mass falls by what the damper takes, less what the push brings: power to 1e-9 W."""
     chain, state = two_pandas()
@@ -81,6 +82,7 @@ def test_energy_only_leaves():
         assert (np.diff(energy) < 0.0).all() or push.any()
 
 
+@pytest.mark.slow
 def test_gives_way_by_its_stiffness():
     """At rest under a push that nobody measures, the spring carries it: displacement = K^-1 w."""
     chain, state = two_pandas()

@@ -11,6 +11,7 @@ from holdfast.control import InternalForce, ObjectImpedance, PostureControl, com
 from holdfast.errors import ModelError
 from holdfast.forces import ForceLimits
 from tests.control.kit import CHAIN, DAMPER, HERE, SPRING, STATE
+from tests.longer import mostly_slow
 from tests.planning.examples import carried
 
 DURATION = 1.0
@@ -25,7 +26,7 @@ def paths():
     return path, plan, hf.time_path(CHAIN, STATE, path, ForceLimits(effort=0.8), nodes=9)
 
 
-@pytest.mark.parametrize("kind", ["planned", "timed"])
+@pytest.mark.parametrize("kind", mostly_slow(["planned", "timed"], ["timed"]))
 def test_machine_code_asks_a_path(kind):
     """A law compiled to machine code returns what it returns on floats, before, at, between and after the nodes."""
     path, plan, timed = paths()

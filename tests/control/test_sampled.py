@@ -74,6 +74,7 @@ def test_what_acts_when(delay):
     np.testing.assert_allclose(asked(law, times)[:, 0], 100.0 * 4e-3 * sample, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_noise_is_what_was_asked_for():
     """The sizes of all noises, by names; a pose turns and shifts; another stream, other numbers; the same, the same."""
 

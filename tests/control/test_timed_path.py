@@ -80,7 +80,7 @@ def arc_timed(nodes: int, rates: bool = True):
 
 
 @pytest.mark.parametrize(
-    ("rates", "nodes", "places"), mostly_slow([(True, 21, 10), (False, 11, 3), (False, 41, 10)], [(False, 11, 3)])
+    ("rates", "nodes", "places"), mostly_slow([(True, 21, 10), (False, 11, 3), (False, 41, 10)], ())
 )
 def test_limits_between_nodes(rates, nodes, places):
     """At places of every interval, with forces of their own, limits are passed by 1e-3 N at most, rates by none."""
@@ -109,7 +109,11 @@ def test_forward_dynamics_follows():
         np.testing.assert_allclose(back.qdd, timed.joints_at(t)[2], atol=0.051)
 
 
-@pytest.mark.parametrize("timed", [lambda: arc_timed(21), lambda: from_rest_to_rest(21)], ids=["arc", "quintic"])
+@pytest.mark.parametrize(
+    "timed",
+    [pytest.param(lambda: arc_timed(21), marks=pytest.mark.slow), lambda: from_rest_to_rest(21)],
+    ids=["arc", "quintic"],
+)
 def test_derivatives(timed):
     """Twists and accelerations of the object, rates and accelerations of the joints are derivatives over time."""
     timed = timed()
@@ -199,7 +203,7 @@ def test_acceleration_limits():
     assert timed.duration == pytest.approx(np.sqrt(2.0 * 0.5 * (1.0 / 3.0 + 1.0)), rel=1e-6)
 
 
-@pytest.mark.parametrize("damping", [5.0, pytest.param(60.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("damping", mostly_slow([5.0, 60.0], ()))
 def test_dampers(damping):
     """One joint with a damper d: v' = (F - d v) / m up to a speed v, then v' = -(F + d v) / m, in closed form."""
     chain, state, m = slide(damping=damping)
@@ -263,6 +267,7 @@ def test_beside_a_joint_programme(rates):
     assert 0.999 * least <= timed.duration <= 1.01 * least
 
 
+@pytest.mark.slow
 def test_given_joints():
     """Joints from a function and from the closed states at the same places take the same time; redundant ones too."""
     chain, state = rubber_pandas(0.8)

@@ -162,6 +162,7 @@ def one_arm() -> tuple[Problem, dict[str, np.ndarray]]:
     return p, given(p)
 
 
+@pytest.mark.slow
 def test_directions_at_once():
     """Many directions of one system are each alone to the bit; results left out are not there."""
     p, own = one_arm()

@@ -67,6 +67,7 @@ def test_three_ways_are_one(seed):
         assert relative_gap(getattr(pushed, of).ravel(), total) < LAW, of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trunk", mostly_long(TRUNKS, (None,)))
 @pytest.mark.parametrize("seed", mostly_long(range(3), (1,)))
 def test_symmetries(seed, trunk):
@@ -91,6 +92,7 @@ def test_gravity_is_an_acceleration_of_all_bases(seed):
         assert relative_gap(found[of, "gravity"], own - bases, 1.0) < LAW, of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", mostly_long(range(4), (1,)))
 def test_scaling(seed):
     """All inertias, torques, losses and wrenches by one factor leave every acceleration and scale every force."""
@@ -118,6 +120,7 @@ def test_scaling(seed):
         assert np.abs(getattr(pushed, of) - wanted).max(initial=0.0) < LAW * size, of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trunk", mostly_long(TRUNKS, (None,)))
 @pytest.mark.parametrize("seed", mostly_long(range(2), (1,)))
 def test_reference_and_machine_code(seed, trunk):

@@ -45,6 +45,7 @@ def test_torso():
     assert np.abs(run.imbalance).max() < 2e-3 * np.abs(run.work).max()
 
 
+@pytest.mark.slow
 def test_hand_on_arm():
     """The torques turn the first joint at 4 rad/s^2 and hold all others; springs alone pinch the ball."""
     scene, run = simulated("hand_on_arm", 0.05)

@@ -234,6 +234,7 @@ def test_machine_code(name):
         assert single.violation == pytest.approx(text.violation, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_exported_code(tmp_path):
     """The program in C has the library's bits."""
     if not export.HERE:

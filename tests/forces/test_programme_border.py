@@ -70,7 +70,7 @@ def test_answers_in_50_digits(name):
     np.testing.assert_allclose(found.tau / case.efforts, tau / case.efforts, atol=1e-5)
 
 
-@pytest.mark.parametrize("kind", ON_TRUNK)
+@pytest.mark.parametrize("kind", mostly_slow(ON_TRUNK, ["a trunk"]))
 @pytest.mark.parametrize("given", [{}, {"task": TASK}, {"task_weight": WEIGHT}], ids=["all", "rows", "weight"])
 def test_the_reference_says_the_same(kind, given):
     """The same torques as in the dense map, whatever acts on the chain and however its bases move."""
@@ -162,7 +162,7 @@ def test_clarabel(name):
     assert costs[0] == pytest.approx(costs[1], rel=1e-7, abs=1e-7)
 
 
-@pytest.mark.parametrize("name", mostly_slow([*border_cases()], ["torso2_rigid"]))
+@pytest.mark.parametrize("name", mostly_slow([*border_cases()], ()))
 def test_machine_code(name):
     """Its numbers are those of the text on floats, its bits those of schedule and batches."""
     case, random = border_cases()[name], np.random.default_rng(1)
@@ -220,7 +220,7 @@ def efforts(chain: hf.ClosedChain) -> Array:
     return np.array([joint.effort_limit for joint in chain.all_joints])
 
 
-@pytest.mark.parametrize("kind", ON_TRUNK)
+@pytest.mark.parametrize("kind", mostly_slow(ON_TRUNK, ["a trunk"]))
 @pytest.mark.parametrize("given", [{}, {"task": TASK}, {"task_weight": WEIGHT}], ids=["all", "rows", "weight"])
 def test_derivatives(kind, given):
     """Rates at a barrier are differences, and gradients are their adjoint."""
@@ -249,6 +249,7 @@ def test_derivatives(kind, given):
     assert sum(parts) == pytest.approx(forward, abs=1e-9 * np.abs(parts).sum())
 
 
+@pytest.mark.slow
 def test_cost_is_linear_in_arms():
     """Operations of two, three and four equal arms on a trunk have no second difference."""
     case = border_cases()["torso2_rigid"]

@@ -11,6 +11,7 @@ from tests.gym.problems import carry, parts, short_carry
 EXACT = {"mass_factor": 1.0, "push": np.zeros(6)}
 
 
+@pytest.mark.slow
 def test_actions_accelerate_the_object():
     """A payload as modelled, without a push: the twist changes by the acceleration that was asked for."""
     env, dt = hf.gym.Carry(carry()), 0.02

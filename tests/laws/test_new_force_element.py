@@ -126,6 +126,7 @@ def test_forward_dynamics_energy_and_power():
     assert without.damping - with_.damping == pytest.approx(lost, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_balance_of_a_run():
     """What is stored and what is lost account for the motion."""
     p = magnetic()

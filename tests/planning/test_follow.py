@@ -88,6 +88,7 @@ def test_at():
     assert state.q == pytest.approx(here.q, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_limits_are_avoided():
     """A path on which the nearest configurations pass a joint limit, and the planned ones do not."""
     chain, state = two_arms("iiwa14")
@@ -101,6 +102,7 @@ def test_limits_are_avoided():
     )
 
 
+@pytest.mark.slow
 def test_a_mobile_manipulator_drives():
     """Two arms on a platform carry a tray 0.3 m: the platform does most of it, the arms stay bent and inside limits."""
     chain, state = mobile()

@@ -102,6 +102,7 @@ cost = { wrench = 2.0, price = 1e4 }"""
     alike(usual, cooperative_law(scene.chain, motion_of(scene.state), limits=ForceLimits(0.8, 2.0)))
 
 
+@pytest.mark.slow
 def test_a_push_is_observed(tmp_path):
     """An observer finds the push; with an inertia of its own the box gives way to it as a mass on a spring does."""
     text = law_with("observer = { gain = 100.0, threshold = 4.0 }", sampled=True)
@@ -121,6 +122,7 @@ def test_a_push_is_observed(tmp_path):
     assert run.object_pose[-1, 5] - run.object_pose[0, 5] == pytest.approx(shift, rel=0.05)
 
 
+@pytest.mark.slow
 def test_fastest_path(tmp_path):
     """A path is timed within its limits; the law follows it, and steps end where its acceleration jumps."""
     fastest = "fastest = { effort = 0.5, least_margin = 2.0, nodes = 9 }"

@@ -137,6 +137,7 @@ def test_refusals():
             hf.linearise(p.chain, p.state, p.tau, **options)
 
 
+@pytest.mark.slow
 def test_coordinates_of_a_step():
     """They are those of the dynamics at the same state: components along the basis, to the square of their size."""
     p = held(GRASPS[0])

@@ -156,6 +156,7 @@ def test_rank_is_that_of_the_closed_state():
     assert rollout.generic_rank == 11
 
 
+@pytest.mark.slow
 def test_a_single_call_beside_the_constraint():
     """Where the rank is another on it, the message gives both and the gap; with the rank known the answer is near."""
     chain, there = moved(duration=0.6)

@@ -63,6 +63,7 @@ def test_every_sample_is_one_of_all():
         _ = some.momentum_imbalance
 
 
+@pytest.mark.slow
 def test_both_sides_of_an_event():
     """What happens between two samples is recorded with the chain before and after it."""
     chain, state = two_pandas("rigid", "rigid")

@@ -27,6 +27,7 @@ def problem(seed=1, **options):
     return as_chain(well_conditioned_system(seed, **options))
 
 
+@pytest.mark.slow
 def test_observed_order():
     """Halving the step divides the error of the whole state by 2^3.8 or more."""
     p = problem(arms=2, joints=4, grasps="ball")
@@ -61,6 +62,7 @@ def test_free_fall_keeps_energy():
     assert run.position_gap[:, 1].max() <= 1e-12 and run.velocity_gap[:, 1].max() <= 1e-12
 
 
+@pytest.mark.slow
 def test_work_of_everything_balances():
     """Drives, damping, friction, moving bases and external wrenches: T + V gains their work."""
     p = problem(seed=4, arms=2, joints=7, grasps=["hinge", "rigid"], extras=True)

@@ -157,6 +157,7 @@ def test_rollouts_stand_still_before_a_singular_configuration(scheme, step):
     assert (systems.t < expected + 0.06 * lengths).all() and (systems.t > expected - 1.06 * lengths).all()
 
 
+@pytest.mark.slow
 def test_collocation_is_of_order_twelve_and_closed():
     """Away from singular configurations it is a scheme like any other."""
     chain, state = n_four_bar(2)

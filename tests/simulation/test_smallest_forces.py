@@ -84,6 +84,7 @@ def test_other_steps(name, kind):
     require_smallest(OTHERS[kind](chain, state), Environment(chain))
 
 
+@pytest.mark.slow
 def test_moving_bases():
     """Places of bases that move are those at the time of each sample."""
     chain, state = MECHANISMS["Bricard"]()

@@ -330,6 +330,7 @@ def test_random_damped_chains():
     assert all(one.stopped is None and one.position <= 1e-3 and one.velocity <= 1e-3 for one in found), found
 
 
+@pytest.mark.slow
 def test_wrench_limits_are_no_different():
     """A limit of what a rigid grasp bears is not passed either."""
     chain, state = squeezed(("rigid", "rigid"))

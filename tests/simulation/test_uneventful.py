@@ -172,9 +172,7 @@ SOON = [
     "soft fingers",
     "sampled, delayed",
     "recorded violations",
-    "flat linkage",
     "pendulum",
-    "function, an arm lets go",
     "wrench of state",
 ]
 
@@ -284,6 +282,7 @@ def test_constant_wrenches_on_links():
         assert np.abs(without - b).max() > 1e-6
 
 
+@pytest.mark.slow
 def test_bases_do_not_begin_to_move():
     """A function of time that moves a base later than at its start is refused, with the way to say it."""
     chain, state = facing_pandas()
@@ -293,7 +292,7 @@ def test_bases_do_not_begin_to_move():
     assert "none at t = 0: base_twists: expected none" in run.stopped and "try base_motion=" in run.stopped
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(4), [0]))
+@pytest.mark.parametrize("seed", mostly_slow(range(4), ()))
 def test_instants_under_a_function(seed):
     """Effort limits are passed when they are under the same law, traced, to a billionth of a second."""
     chain, state = facing_pandas()
@@ -369,6 +368,7 @@ def test_pace():
     assert pace.most == MOST_TOGETHER
 
 
+@pytest.mark.slow
 def test_internal_wrenches_of_hinges_on_a_moving_base():
     """Axes that follow a tip are those of the arm where its base is at that time."""
     chain, state = facing_pandas("hinge")

@@ -128,6 +128,7 @@ def test_dips_of_a_chain():
     found_dips(dips, H, scheme="midpoint", make_stepper=StagewiseStepper)
 
 
+@pytest.mark.slow
 def test_dips_between_knots():
     """Whatever lies between the knots of a schedule, pulses of a hundredth of a step too, is found."""
     chain, state = pressed()

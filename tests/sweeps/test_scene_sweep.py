@@ -165,6 +165,7 @@ def test_refusals(changes, said):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_sampled_controller():
     """A run is that of `simulate` with the scene's sample time and delay, and with the values drawn."""
     scene = scenario("simulation.sample_time=0.004", "simulation.delay=0.002", "simulation.step=0.002")

@@ -219,6 +219,7 @@ def test_stores_of_others(undisturbed, tmp_path):
         small_sweep(tmp_path / "new")
 
 
+@pytest.mark.slow
 def test_processes_that_die_and_die(tmp_path):
     """A chunk that ends its process every time is given up, and the sweep says so."""
     with pytest.raises(hf.errors.ResultError, match="died 3 times"):
@@ -310,6 +311,7 @@ def test_killed(tmp_path):
     assert not [pid for pid in left if os.path.exists(f"/proc/{pid}")]
 
 
+@pytest.mark.slow
 def test_sampled_laws(tmp_path):
     """The noise of a run depends on its number alone: not on chunks, and the same in `run` and in `simulate`."""
     chain, state = two_pandas()

@@ -75,6 +75,7 @@ def test_commanded_beside_actual(within):
     assert "internal force [N]" not in unknown
 
 
+@pytest.mark.slow
 def test_before_a_run_and_after_a_release():
     """A scene's first moment shows the command, too; a hand that has let go commands nothing, nor do those left."""
     chain, state = rubber_pandas(0.8)
@@ -89,6 +90,7 @@ def test_before_a_run_and_after_a_release():
     assert run.playback(1e3, controller=lambda t, now, memory: law(t, now, memory)).commanded is None
 
 
+@pytest.mark.slow
 def test_of_a_scene(tmp_path, cli):
     """The folder of a scene's run knows its law."""
     cli("simulate", BOX_LIFT, "--out", tmp_path / "run", "--set", "simulation.duration=0.01", "--no-plots")

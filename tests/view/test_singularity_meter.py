@@ -62,6 +62,7 @@ def test_arms_that_are_led_beyond_their_reach():
     )
 
 
+@pytest.mark.slow
 def test_the_singular_arms_come_first():
     """Arms led beyond their reach by long steps, whose last sample is not quite there: no shorter step is advised."""
     _, run = tracked([0.0, 0.0, 0.6], 0.01, 0.65)

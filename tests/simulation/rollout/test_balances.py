@@ -7,6 +7,7 @@ import pytest
 
 from holdfast.dynamics import closure, kinetic_energy, momentum, potential_energy
 from holdfast.simulation import Rollout, RolloutSystems
+from tests.longer import mostly_slow
 from tests.simulation.rollout.problems import given_torques, problem, started, swinging
 
 DURATION = 0.08
@@ -43,7 +44,10 @@ def energy(rollout: Rollout, systems: RolloutSystems, row: int) -> float:
     return float(total - systems.work[row].sum())
 
 
-@pytest.mark.parametrize(("name", "scheme", "order"), [("five", "rk4", 4), ("legs", "rk4", 4), ("one", "midpoint", 2)])
+@pytest.mark.parametrize(
+    ("name", "scheme", "order"),
+    mostly_slow([("five", "rk4", 4), ("legs", "rk4", 4), ("one", "midpoint", 2)], [("one", "midpoint", 2)]),
+)
 def test_energy(name, scheme, order):
     """Energy changes by the work of drives, losses and wrenches; what is left falls with the scheme's order."""
     rollout, (_, state) = swinging(name, scheme), problem(name)

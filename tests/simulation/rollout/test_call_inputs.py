@@ -107,6 +107,7 @@ def test_a_callers_array_is_its_own():
     assert same(systems, expected)
 
 
+@pytest.mark.slow
 def test_another_law():
     """A law that takes over acts in the first stage of its first step; what the law before was given is not its own."""
     held, state = given_torques("one"), problem("one")[1]

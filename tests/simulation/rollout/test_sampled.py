@@ -239,6 +239,7 @@ def test_limits_hold_at_every_sample():
     assert changes[1::2].max() > 0.0 == changes[::2].max()
 
 
+@pytest.mark.slow
 def test_steps_in_parts_take_no_more_samples():
     """A step that is divided, or repeated to confirm a slip, samples once, at its end."""
     of = rollout("five", 0.5)
@@ -250,6 +251,7 @@ def test_steps_in_parts_take_no_more_samples():
     assert 0.0 < np.abs(systems.q - whole.q).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_gradients():
     """Those of the discrete steps with delayed torques, beside central differences; clipped torques have none."""
     chain, state = problem("one")
@@ -301,6 +303,7 @@ def test_steps_that_miss_samples():
     late.step(late.step(systems, H), 2 * H)
 
 
+@pytest.mark.slow
 def test_another_rollout_samples_again():
     """Where grasps open at a sample, the new rollout's law is asked, as in `simulate`; in between, torques stay."""
     chain, state = squeezed(("rigid", "rigid"))

@@ -118,6 +118,7 @@ def cranks(*angles: float) -> dict[str, np.ndarray]:
     return {name: np.array([state[name] for state in states]) for name in states[0]}
 
 
+@pytest.mark.slow
 def test_singular_at_a_steps_end_or_inside():
     """A step that ends flat, one whose middle is flat, one that stays away: the first two are refused."""
     rollout, tau = parallelogram(), np.zeros(4)

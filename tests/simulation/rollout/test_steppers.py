@@ -138,6 +138,7 @@ def test_constant_motion_of_bases(given):
     agree(chosen, ReferenceStepper(environment, law, rank, scheme("rk4")), state, law.memory)
 
 
+@pytest.mark.slow
 def test_failures_are_each_ends_own():
     """One end too far away does not spoil the others; the reason is the reference's."""
     chain, state = problem("one")
@@ -157,6 +158,7 @@ def test_failures_are_each_ends_own():
         assert "try a smaller time step" in str(far.failure)
 
 
+@pytest.mark.slow
 def test_what_stagewise_cannot_is_refused():
     """A wrench on a link that begins later, torques of a wrong shape: errors, never other physics."""
     chain, state = problem("five")

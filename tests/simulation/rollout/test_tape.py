@@ -132,6 +132,7 @@ def rolled():
     return Rolled(replace(p, state=replace(p.state, qd=p.state.qd + 0.1)))
 
 
+@pytest.mark.slow
 def test_gradients(rolled):
     """Everything that a rollout is given, the state that `start` brings onto the grasps included."""
     assert rolled.worst(NAMES) < TOLERANCE

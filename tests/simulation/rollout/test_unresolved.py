@@ -142,6 +142,7 @@ def test_small_beside_what_follows():
     assert systems.status[0] is RolloutStatus.RUNNING and systems.step_error[0] > 1e-4
 
 
+@pytest.mark.slow
 def test_gradients_through_steps_that_are_compared():
     """They are those of the steps taken: of v R(z)^n."""
     rollout, z, n = slide(), np.array([0.2, 2.0]), 6
