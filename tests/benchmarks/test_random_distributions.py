@@ -25,6 +25,7 @@ def test_random_questions():
     assert refused.total() <= 3
 
 
+@pytest.mark.slow
 def test_values_beside_clarabel():
     """Clarabel's values are the same where both say solved."""
     pytest.importorskip("clarabel", reason="needs Clarabel: pip install clarabel")

@@ -66,6 +66,7 @@ def test_sine_and_cosine():
     check(schedule_of(lowered(CIRCLE.program)), [{"in0": np.array([v])} for v in x])
 
 
+@pytest.mark.slow
 def test_chain():
     """Forward dynamics of a chain, its arms in lanes and one after the other."""
     chain = chain_of(((4, "rigid"), (3, "hinge"), (2, None)))

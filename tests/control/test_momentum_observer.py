@@ -41,6 +41,7 @@ def wrapped(law, kept):
     return controller
 
 
+@pytest.mark.slow
 def test_a_push_is_found():
     """In a run, 20 N on the box are found within 2 % after six time constants, and the flag rises, and falls."""
     law = observed(cooperative_law(CHAIN, HOLD, InternalForce(20.0)), CHAIN, gain=60.0, sample_time=T, threshold=10.0)

@@ -51,6 +51,7 @@ def test_chosen_inertia(kinds):
         assert pushes(chain, now, split(chain, now, found.grasp_wrench).internal) == pytest.approx([20, 20], abs=1e-8)
 
 
+@pytest.mark.slow
 def test_error_is_that_of_a_linear_system():
     """From 2 cm off, M_d e'' + D e' + K e = 0: the run has the exponential's values, to 1e-9."""
     chain, state = two_pandas()

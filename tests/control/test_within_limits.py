@@ -43,7 +43,14 @@ def lift(state, height=0.1, duration=0.5):
     )
 
 
-@pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("softfinger", "ball"), ("hinge", "softfinger")])
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        pytest.param(("rigid", "rigid"), marks=pytest.mark.slow),
+        ("softfinger", "ball"),
+        pytest.param(("hinge", "softfinger"), marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize("sample_time", [None, 1e-3])
 def test_the_same_as_compiled_distribute(kinds, sample_time):
     """Asked for the same acceleration, wrenches and posture, `distribute` gives the same, to 1e-8 of the limits.

@@ -88,6 +88,7 @@ def test_who_carries_what(run):
         assert found[kind][:, 1] == pytest.approx(0.5 + found["offsets"] / (lever * 0.15), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_soft_fingers_slipping(run):
     """All three give way where mu N = m g / 3, to a nanosecond though steps are 20 ms."""
     found, printed = run("05")
@@ -119,6 +120,7 @@ def test_stewart_platform(run):
     assert found["mirrored"] < 1e-9
 
 
+@pytest.mark.slow
 def test_singular(run):
     """Near flat the pendulum's closed form, condition number as 1 / angle^2; flat, a refusal that names the rank."""
     found, printed = run("08")

@@ -221,7 +221,15 @@ def efforts(chain: hf.ClosedChain) -> Array:
 
 
 @pytest.mark.parametrize("kind", mostly_slow(ON_TRUNK, ["a trunk"]))
-@pytest.mark.parametrize("given", [{}, {"task": TASK}, {"task_weight": WEIGHT}], ids=["all", "rows", "weight"])
+@pytest.mark.parametrize(
+    "given",
+    [
+        pytest.param({}, marks=pytest.mark.slow),
+        {"task": TASK},
+        pytest.param({"task_weight": WEIGHT}, marks=pytest.mark.slow),
+    ],
+    ids=["all", "rows", "weight"],
+)
 def test_derivatives(kind, given):
     """Rates at a barrier are differences, and gradients are their adjoint."""
     p, random, barrier = chain_with(kind), np.random.default_rng(3), 1e-3

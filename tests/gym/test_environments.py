@@ -202,6 +202,7 @@ def test_missing_extra():
     assert "pip install 'holdfast[gym]'" in said
 
 
+@pytest.mark.slow
 def test_actions_of_a_sampled_law():
     """An action acts from the next sample on, after the delay; the noise of an episode can be chosen and repeated."""
     sampling = {"sample_time": 4e-3, "delay": 2e-3, "noise": {"tau": 0.1}, "seed": 4}

@@ -113,6 +113,7 @@ def lifted(rate: float = 100.0, step: float = 1e-4, white: float = 0.0) -> tuple
     return chain, Recording(t, (z + white * np.random.default_rng(0).normal(size=len(t)))[:, None], wrist_wrench=wrench)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("step", "white"), [(1e-4, 0.0), (0.0, 1e-4)])
 def test_noisy_positions(step, white):
     """Twice differentiated without smoothing, they gave 1.26 +- 0.02 kg for 2; dropping samples changes nothing."""

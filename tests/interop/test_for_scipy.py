@@ -177,6 +177,7 @@ def test_refusals(rolled, solved):
 BY = ("tau", "gravity", "object_pose")
 
 
+@pytest.mark.slow
 def test_products(solved):
     """Both products are those of the matrix."""
     fast, arguments = solved

@@ -95,6 +95,7 @@ def test_energy():
     assert not run.work[:, [WORK_TERMS.index(term) for term in ("drives", "damping", "external")]].any()
 
 
+@pytest.mark.slow
 def test_rollout():
     """Rollouts have the springs in their steps."""
     chain, state = held()

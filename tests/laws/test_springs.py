@@ -163,6 +163,7 @@ def test_power_balance_of_a_run():
     assert np.abs(run.momentum_imbalance).max() < 1e-6 * np.abs(run.momentum).max()
 
 
+@pytest.mark.slow
 def test_rollout():
     """Rollouts have the springs in their steps, and their work."""
     chain, state, _ = still_bases(4, damped=True)

@@ -114,6 +114,7 @@ def test_refusals(old, new, message, folder):
     assert message in refusal(folder / "bad.toml", text.replace(old, new, 1))
 
 
+@pytest.mark.slow
 def test_result_keeps_its_robots(folder, tmp_path_factory, monkeypatch, cli):
     """A result is shown from anywhere as it was simulated, whatever has become of the robot's file."""
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")

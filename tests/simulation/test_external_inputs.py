@@ -78,6 +78,7 @@ def at_hundredths(run: hf.Trajectory, term: int = DAMPING) -> tuple[np.ndarray, 
     return run.t[rows], run.potential[rows] - run.potential[0], run.work[rows, term]
 
 
+@pytest.mark.slow
 def test_balances():
     """The work of the wrenches is what the springs would have taken out of store, less what their dampers lost."""
     chain, state = sprung()

@@ -93,6 +93,7 @@ def test_moving_bases():
     require_smallest(by(FREE, base_motion=moving)(chain, still), Environment(chain, moving))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*mostly_slow(TELLING, TELLING[:1]), *mostly_long(FURTHER, [])])
 def test_steppers_agree(name):
     """Rows of the constraint and steps of collocation, by the reference and by machine code of every kind."""

@@ -173,7 +173,6 @@ SOON = [
     "sampled, delayed",
     "recorded violations",
     "pendulum",
-    "wrench of state",
 ]
 
 

@@ -32,6 +32,7 @@ def within():
     return hf.simulate(chain, state, law, 0.2, 0.01).playback(50.0, controller=law)
 
 
+@pytest.mark.slow
 def test_bars(within):
     """Torques are shares of the effort limits; the grip is full at the margin that is kept, or at the onset of slip."""
     left, right = bars(within)

@@ -83,6 +83,7 @@ def test_as_simulate(name, delay, scheme, imperfect):
     assert np.ptp(run.tau, axis=0).min() > 0.01
 
 
+@pytest.mark.slow
 def test_a_system_as_a_run_has_both_sides_of_jumps():
     """It has the samples of `simulate`, but for the last, at which a rollout has asked its law again."""
     of, (chain, state) = rollout("one", 0.5), problem("one")

@@ -166,6 +166,7 @@ def test_what_no_base_does():
         branching.start(**arrays(state), tau=tau)
 
 
+@pytest.mark.slow
 def test_links():
     """Wrenches on the links and inertias of the links, given per system and kept."""
     chain, state = problem("one")
