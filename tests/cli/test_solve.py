@@ -75,7 +75,7 @@ def test_trunk(solve, name, key):
 
 def applies(method: str, tags: dict) -> bool:
     """Return whether an algorithm covers a stored case."""
-    if method == "sequential":
+    if method in ("sequential", "tree"):
         return True
     if method == "kkt":
         return tags["f_unique"]

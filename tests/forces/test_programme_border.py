@@ -185,7 +185,9 @@ def test_machine_code(name):
         if name in LOST_DIGITS:
             continue
         text = asked(case.chain, replace(s, q=given[0]), given[4], **case.call)
-        np.testing.assert_allclose(single.tau / case.efforts, text.tau / case.efforts, atol=1e-5)
+        # where limits conflict, the price counts a thousand times as much as the torques, whose digits are fewer
+        close = 1e-5 if text.violation < 1e-6 else 1e-4
+        np.testing.assert_allclose(single.tau / case.efforts, text.tau / case.efforts, atol=close)
         assert single.violation == pytest.approx(text.violation, abs=1e-5)
 
 
