@@ -172,8 +172,8 @@ def highest_acceleration(way: Scalar, qd: Scalar, rate: float, T: float, braking
     """Return the highest acceleration x, constant for a period T, after which a joint keeps its limits.
 
     qd + x T <= rate, q + qd T + x T^2 / 2 <= q_max, and from there it can still stop before q_max with the given
-    deceleration, (qd + x T)^2 <= 2 a (q_max - q - qd T - x T^2 / 2) if it moves towards it. Where that takes more, as beyond
-    a limit, x is -2 a: a joint that is only slightly beyond comes back, and none is thrown back within one period.
+    deceleration, (qd + x T)^2 <= 2 a (q_max - q - qd T - x T^2 / 2) if it moves towards it. Where that takes more, as
+    beyond a limit, x is -2 a: a joint that is slightly beyond comes back, and none is thrown back within one period.
 
     Args:
         way: q_max - q [rad or m]; infinite without a limit.
