@@ -296,13 +296,13 @@ def test_highest_acceleration(seed):
     possible = [x for x in tried if kept(x)]
     found = highest_acceleration(way, qd, rate, T, brake)
     if possible:
-        assert found == pytest.approx(max(max(possible), -brake), abs=2 * (tried[1] - tried[0]))
+        assert found == pytest.approx(max(max(possible), -2.0 * brake), abs=2 * (tried[1] - tried[0]))
 
 
 @pytest.mark.parametrize(("way", "qd"), [(-0.01, 0.0), (-0.01, 0.5), (0.01, 1.0), (0.2, 3.0)])
 def test_where_no_braking_is_enough(way, qd):
-    """Beyond a limit, and too fast before it, a joint brakes as it can, not as it must to be back after one sample."""
-    assert highest_acceleration(way, qd, 1.2, 1e-3, 10.0) == -10.0
+    """Beyond a limit, and too fast before it, a joint brakes twice as hard as certified, not within one sample."""
+    assert highest_acceleration(way, qd, 1.2, 1e-3, 10.0) == -20.0
 
 
 def test_sampled_limits():
