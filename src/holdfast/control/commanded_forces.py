@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.control.balanced_torques import internal_part, pushes
+from holdfast.control.commanded_torques import WithinLimits
 from holdfast.control.controller import ControlLaw, GivenLaw
 from holdfast.control.cooperative_law import CooperativeTorques
 from holdfast.control.digital_law import DigitalTorque
@@ -66,5 +67,5 @@ def commanded_internal_wrenches(controller: Any, t: float, state: State) -> Arra
 
 def limits_kept(controller: Any) -> ForceLimits | None:
     """Return the limits that a controller keeps; None of one that keeps none."""
-    own = within_wrappers(controller)
-    return own.within.limits if isinstance(own, CooperativeTorques) and own.within is not None else None
+    within = getattr(within_wrappers(controller), "within", None)
+    return within.limits if isinstance(within, WithinLimits) else None

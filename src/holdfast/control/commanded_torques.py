@@ -121,6 +121,16 @@ class WithinLimits(Frozen):
         return usual | distribution_parameters(chain, state, self.limits, self.cost)
 
 
+def chosen_torques(
+    motion: ChainMotion, state: State, command: Command, within: WithinLimits | None
+) -> tuple[Array, Array, list[Array]]:
+    """Return the torques of a command, the grasp wrenches that they give, and what gave way within limits."""
+    if within is None:
+        return *commanded_torques(motion, command), []
+    found = within.torques(motion, state, command)
+    return found.tau, found.grasp_wrench, within.given_way(found)
+
+
 def within_limits(
     chain: ClosedChain, limits: ForceLimits | None, cost: ForceCost | None, what: str
 ) -> WithinLimits | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.control.commanded_torques import Command, WithinLimits, commanded_torques, within_limits
+from holdfast.control.commanded_torques import Command, WithinLimits, chosen_torques, within_limits
 from holdfast.control.controller import ControlLaw, known_breakpoints
 from holdfast.control.internal_force import InternalForce
 from holdfast.control.law_parts import CommandedMotion, GraspForces, LawInput, NullMotion
@@ -107,11 +107,7 @@ class CooperativeTorques(Frozen):
         x = LawInput(t, state, motion, memory if self.within is None else memory[: -len(self.within.memory)], given)
         acceleration = self.motion.acceleration(x)
         wished, joints = self.forces.wished(x, acceleration), self.posture.joint_acceleration(x)
-        command, gave_way = Command(acceleration, wished, joints), []
-        if self.within is None:
-            tau, wrenches = commanded_torques(motion, command)
-        else:
-            found = self.within.torques(motion, state, command)
-            tau, wrenches, gave_way = found.tau, found.grasp_wrench, self.within.given_way(found)
+        command = Command(acceleration, wished, joints)
+        tau, wrenches, gave_way = chosen_torques(motion, state, command, self.within)
         kept = concatenate([self.forces.kept(x, acceleration, wrenches, tau), gave_way])
         return checks.finite(tau, "cooperative law"), checks.finite(kept, "cooperative law: memory")

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self, cast
 import numpy as np
 
 from holdfast.control.balanced_torques import pushes
-from holdfast.control.commanded_torques import Command, WithinLimits, commanded_torques, within_limits
+from holdfast.control.commanded_torques import Command, WithinLimits, chosen_torques, within_limits
 from holdfast.control.controller import by_machine_code, known_breakpoints
 from holdfast.control.law_parts import LawInput, NullMotion
 from holdfast.control.paths import ObjectPath, Target, path_function, pose_error
@@ -65,7 +65,7 @@ class ObjectTracking(Frozen):
         checks.instance(self.posture, (NullMotion, type(None)), "object tracking: posture")
         if self.posture is not None:
             self.posture.require(self.chain)
-        _ = self._within  # which refuses what does not fit
+        _ = self.within  # which refuses what does not fit
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -74,7 +74,7 @@ class ObjectTracking(Frozen):
 
     def for_chain(self, chain: ClosedChain) -> Self:
         """Return the controller for a chain whose grasps have changed."""
-        within = self._within
+        within = self.within
         return replace(self, chain=chain, limits=None if within is None else within.for_chain(chain).limits)
 
     @np.errstate(all="ignore")  # what overflows is refused
@@ -93,14 +93,11 @@ class ObjectTracking(Frozen):
         if self.posture is not None:
             joints = self.posture.joint_acceleration(LawInput(t, state, motion, np.zeros(0), {}))
         command = Command(self.commanded_acceleration(t, state), pushes(motion, self.internal_force), joints)
-        if (within := self._within) is None:
-            tau, _ = commanded_torques(motion, command)
-        else:
-            tau = within.torques(motion, state, command).tau
+        tau, _, _ = chosen_torques(motion, state, command, self.within)
         return checks.finite(tau, "object tracking"), memory
 
     @frozen_property
-    def _within(self) -> WithinLimits | None:
+    def within(self) -> WithinLimits | None:
         """The limits with their cost."""
         return within_limits(self.chain, self.limits, self.cost, "object tracking")
 

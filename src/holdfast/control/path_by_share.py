@@ -97,16 +97,14 @@ class JointSpline(NamedTuple):
     """Joint positions and two derivatives from a spline through closed states.
 
     Attributes:
-        begins: (k,) where the pieces begin.
-        coefficients: (k, n, 6) of each piece by powers of s - begin.
+        rows: (k, 6 n + 1) of each piece the coefficients by powers of s - begin, (n, 6), and begin.
     """
 
-    begins: Array
-    coefficients: Array
+    rows: Array
 
     def __call__(self, s: Scalar) -> Joints:
         """Return them at s."""
-        row = row_at(s, self.begins, np.column_stack([self.coefficients.reshape(len(self.begins), -1), self.begins]))
+        row = row_at(s, self.rows[:, -1], self.rows)
         return polynomial(row[:-1].reshape(-1, 6), s - row[-1])
 
 
@@ -160,7 +158,7 @@ def _continued(chain: ClosedChain, start: State, places: Array, targets: list[Ta
         ) from cause
     begins = np.unique(whole.t)[:-1]
     coefficients = np.stack([whole(begins, j) / math.factorial(j) for j in range(6)], axis=-1)
-    return JointSpline(checks.read_only(begins), checks.read_only(coefficients))
+    return JointSpline(checks.read_only(np.column_stack([coefficients.reshape(len(begins), -1), begins])))
 
 
 def held_steadily(chain: ClosedChain, state: State) -> ClosedChain:
