@@ -74,5 +74,7 @@ def test_limits_kept():
     limits = ForceLimits(effort=0.8, least_margin=2.0)
     law = cooperative_law(chain, ObjectImpedance(RestToRest(state.object_frame), 100.0, 20.0), limits=limits)
     assert limits_kept(law) is limits
+    track = ObjectTracking(chain, RestToRest(state.object_frame), limits=limits)
+    assert limits_kept(track) is limits and limits_kept(replace(track, limits=None)) is None
     assert limits_kept(sampled(law, chain, sample_time=0.01)) is limits
     assert limits_kept(CONTROLLERS["ramp"]) is limits_kept(lambda t, state, memory: None) is None

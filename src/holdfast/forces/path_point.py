@@ -138,12 +138,11 @@ def path_point(
     Raises:
         StateError: the arms cannot give the object this motion.
     """
-    force, all_of_it = force_scale(motion_at(chain, state, 0.0), np.zeros(6)), ObjectTask(np.eye(6), np.zeros(6))
-    held, by_a = scaled_map(motion_at(chain, state, 0.0), all_of_it, state.object_twist, force=force)
-    there, back = (
-        acceleration_map(motion_at(chain, state, rate), all_of_it._replace(values=acceleration), force=force)
-        for rate in ((1.0, -1.0) if is_damped(chain) else (1.0, 1.0))
-    )
+    at_rest, all_of_it = motion_at(chain, state, 0.0), ObjectTask(np.eye(6), np.zeros(6))
+    force, moved = force_scale(at_rest, np.zeros(6)), all_of_it._replace(values=acceleration)
+    held, by_a = scaled_map(at_rest, all_of_it, state.object_twist, force=force)
+    there = acceleration_map(motion_at(chain, state, 1.0), moved, force=force)
+    back = acceleration_map(motion_at(chain, state, -1.0), moved, force=force) if is_damped(chain) else there
     U, size, Vt = np.linalg.svd(held.N[held.qdd], full_matrices=True)
     rank = int((size > UNREACHED * ACCELERATION_SCALE).sum())
     to_joints = held.N @ (Vt[:rank].T / size[:rank]) @ U[:, :rank].T  # accelerations of joints that the grasps permit
@@ -157,7 +156,8 @@ def path_point(
             (0.5 * (there.v0 - back.v0), still),
         )
     )
-    of_rest, of_there, of_back = (limit_rows(each, state, limits) for each in (held, there, back))
+    of_rest, of_there = (limit_rows(each, state, limits) for each in (held, there))
+    of_back = of_there if back is there else limit_rows(back, state, limits)
     rows = zip(of_rest, (one.h for one in of_there), (one.h for one in of_back), strict=True)
     found = [
         one._replace(
