@@ -15,7 +15,6 @@ from holdfast.spatial.linalg import largest_first
 from holdfast.spatial.scalar import Array, Scalar, array, where
 
 ZERO_PIVOT = 1e-14  # pivots smaller than this, relative to their size, are zero
-MOST_FACTORS = 12
 NEGLIGIBLE_PART = 1e-32  # contributions of columns to sigma that are smaller than this part of it are ignored
 
 
@@ -40,12 +39,15 @@ class FactoredMobility(NamedTuple):
         return (W * array(self.D)) @ W.T
 
     def plus(self, D: list[Scalar], w: list[Array]) -> FactoredMobility:
-        """Return P + sum D w w^T, compressed to six factors if there would be too many."""
-        more = FactoredMobility([*self.D, *D], [*self.w, *w])
-        return more if len(more.D) <= MOST_FACTORS else more.compressed()
+        """Return P + sum D w w^T."""
+        return FactoredMobility([*self.D, *D], [*self.w, *w]).limited()
+
+    def limited(self) -> FactoredMobility:
+        """Return the same mobility in as many factors as rows, if there are more than twice as many."""
+        return self.compressed() if self.w and len(self.D) > 2 * len(self.w[0]) else self
 
     def compressed(self) -> FactoredMobility:
-        """Return the same mobility in six factors, P = U diag(D) U^T, by weighted Gram-Schmidt.
+        """Return the same mobility in as many factors as rows, P = U diag(D) U^T, by weighted Gram-Schmidt.
 
         The part of row j of W that is orthogonal to the rows after it has the weight D_j = sum_k D_k W_jk^2 (the time
         update of the filter by C. L. Thornton and G. J. Bierman, 1976). No mobilities are subtracted.

@@ -1,20 +1,22 @@
-"""The updates of the object's filter by one arm: a parallel sum of two mobilities for a rigid grasp, else row by row.
+"""The updates of a filter by one arm: a parallel sum of two mobilities for a rigid grasp, else row by row.
 
 With a rigid grasp, the mobility about G becomes its parallel sum with the mobility of the arm. With other grasps, the
 rows of the arm are made independent of each other first, and then included one after the other.
+
+An update consists of factors, which do not depend on the right-hand side, and of two functions that use them for any
+right-hand side: `forward` includes r in x, and `back` finds the wrench of the arm from that of all arms after it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, updated
-from holdfast.dynamics.closed.measurement import BackSubstitution, Measurement, Update, of_beta
-from holdfast.spatial.linalg import RANK_TOLERANCE, back_substitution, halfway, ldl, ldl_solve
+from holdfast.dynamics.closed.measurement import Measurement
+from holdfast.spatial.linalg import RANK_TOLERANCE, MaskedLDL, back_substitution, halfway, ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar, array, minimum, select, where
 from holdfast.spatial.symmetric import mirrored
 from holdfast.spatial.vector import outer
@@ -24,164 +26,241 @@ NEGLIGIBLE_PIVOT = 1e-15
 EQUAL_PIVOTS = 1e-12  # scaled pivots that differ by less count as equal
 
 
-def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array, Array, Update]:
-    """Return x and P after an arm with a rigid grasp, and its back-substitution.
+class Included(NamedTuple):
+    """What including an arm changes, beside the right-hand side.
 
-    S = P + R,  Gt = S^-1 P,  nu = S^-1 (r - x);  x += P nu,  P = P S^-1 R = Gt^T R. No mobilities are subtracted, and R
-    may be singular (docs/theory/sequential_filter.md). Zero pivots of S are skipped. With a trunk, the columns of the
-    trunk follow in x and r.
+    Attributes:
+        X: (n, c) response of the open accelerations to the columns, after the arm.
+        P: mobility after the arm, (6, 6) or in factors.
+        N: (c, c) inertia that its grasp adds to the equations of the columns, E^T S^-1 E.
+        kept: number of its rows that are independent of the rows before.
+        weakest: the smallest pivot of these rows, relative to a typical one.
+        independent: (rows,) 1 for the independent rows, if the contact has a mask of rows.
+    """
+
+    X: Array
+    P: Any
+    N: Array
+    kept: Scalar
+    weakest: Scalar
+    independent: Array | None = None
+
+
+class ParallelSum(NamedTuple):
+    """The update by an arm with a rigid grasp.
+
+    S = P + R,  Gt = S^-1 P,  E = X_arm - X,  nu = S^-1 (r - x);  x += P nu,  P = P S^-1 R = Gt^T R. No mobilities are
+    subtracted, and R may be singular (docs/theory/sequential_filter.md). Zero pivots of S are skipped.
+
+    Attributes:
+        S: the factors of S.
+        P: (6, 6) mobility before.
+        gain: (6, 6) Gt.
+        half: (6, c) L^-1 E.
+        columns: (6, c) S^-1 E.
+    """
+
+    S: MaskedLDL
+    P: Array
+    gain: Array
+    half: Array
+    columns: Array
+
+    def forward(self, x: Array, r: Array) -> tuple[Array, Array, Array]:
+        """Return x after the arm, its load (c,) on the columns, and nu for the way back."""
+        u = halfway(self.S, r - x)[1]
+        nu = back_substitution(self.S.L, u)
+        return x + self.P @ nu, self.half.T @ u, nu
+
+    def back(self, s: Array, nu: Array, beta: Array) -> Array:
+        """Return the wrench of the arm at G, for that of all arms after it and the accelerations of the columns."""
+        return nu + self.columns @ beta - self.gain @ s
+
+
+def parallel_sum(X: Array, P: Array, m: Measurement, size: Array) -> tuple[Included, ParallelSum]:
+    """Return the update by an arm with a rigid grasp.
+
+    Args:
+        X: (6, c) response of alpha(G) to the columns.
+        P: (6, 6) mobility there.
+        m: the arm's measurement.
+        size: (3,) size of P, for judging pivots.
     """
     S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
     gain = ldl_solve(S, P)
-    v, u = halfway(S, m.r - x)
-    nu, on_trunk = back_substitution(S.L, u), None if u.ndim == 1 else v[:, 1:].T @ u
-
-    def solve_rhs(x: Array, r: Array) -> tuple[Array, BackSubstitution]:
-        nu = ldl_solve(S, r - x)
-        return x + P @ nu, lambda s, beta=None: of_beta(nu, beta) - gain @ s
-
-    update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, solve_rhs, S.kept, S.weakest, None, on_trunk)
-    return x + P @ nu, mirrored(gain.T @ m.R), update
+    v, u = halfway(S, m.X - X)
+    columns = back_substitution(S.L, u)
+    included = Included(X + P @ columns, mirrored(gain.T @ m.R), v.T @ u, S.kept, S.weakest)
+    return included, ParallelSum(S, P, gain, v, columns)
 
 
-@dataclass(frozen=True, eq=False)
-class TerminalUpdate:
+class TerminalSum(NamedTuple):
     """The update by the last arm, if its grasp is rigid; only back-substitution follows.
 
+    z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, because P S^-1 R = R S^-1 P. The load of the external
+    wrench w on the columns is X^T w with X after the update, which is X^T w + E^T z. Two solves instead of seven.
+
     Attributes:
-        solution: function of beta (c,) for the trunk's columns, or None, that returns alpha(G) (6,), which includes the
-            effect of the external wrench on the object, and the wrench (6,) of the arm on the object, about G.
-        mobility: (6, 6) P after the update.
-        kept: number of its rows that are independent of the rows before.
-        weakest: the smallest pivot of these rows, relative to a typical one.
-        on_trunk: (c, 1 + c) [load | inertia] that the arm adds to the equations of the trunk's columns, including the
-            load of the external wrench through all arms.
-        solve_rhs: function of another x, r and w that returns acceleration and wrench, using the same factors; only
-            without a trunk.
+        S: the factors of S.
+        X: (6, c) response of alpha(G) to the columns, before the arm.
+        P: (6, 6) mobility before.
+        R: (6, 6) mobility of the arm.
+        half: (6, c) L^-1 E.
+        halfway: (6, c) D^-1 L^-1 E.
     """
 
-    solution: Callable[..., tuple[Array, Array]]
-    mobility: Array
-    kept: Scalar
-    weakest: Scalar
-    on_trunk: Array | None
-    solve_rhs: Callable[[Array, Array, Array], tuple[Array, Array]]
+    S: MaskedLDL
+    X: Array
+    P: Array
+    R: Array
+    half: Array
+    halfway: Array
+
+    def forward(self, x: Array, r: Array, w: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+        """Return the load (c,) on the columns, and what the way back needs; w (6,) is the external wrench about G."""
+        u, under_w = halfway(self.S, r - x)[1], halfway(self.S, self.P @ w)[1]
+        return self.half.T @ (u - under_w) - w @ self.X, (x, u, under_w)
+
+    def back(self, kept: tuple[Array, Array, Array], beta: Array) -> tuple[Array, Array]:
+        """Return alpha(G), and the wrench of the arm at G, for the accelerations of the columns."""
+        x, u, under_w = kept
+        nu, z = back_substitution(self.S.L, np.column_stack([u + self.halfway @ beta, under_w])).T
+        return x + self.X @ beta + self.P @ nu + self.R @ z, nu - z
 
 
-def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -> TerminalUpdate:
-    """Return the result of `rigid_update` and its back-substitution for the last arm, by two solves instead of seven.
+def terminal_sum(X: Array, P: Array, m: Measurement, size: Array) -> tuple[Included, TerminalSum]:
+    """Return the update by the last arm; arguments as in `parallel_sum`."""
+    S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
+    v, u = halfway(S, m.X - X)
+    included = Included(X, mirrored(ldl_solve(S, P).T @ m.R), v.T @ u, S.kept, S.weakest)
+    return included, TerminalSum(S, X, P, m.R, v, u)
 
-    z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, because P S^-1 R = R S^-1 P. The load of w on the
-    trunk's columns is X^T w with X after the update, which is X^T w + (E - X)^T z.
 
-    Args:
-        x: acceleration of G of the object with the arms before.
-        P: their mobility at G.
-        m: the arm's measurement.
-        size: (3,) size of P, for judging pivots.
-        w: (6,) external wrench on the object about G.
+class IncludedRow(NamedTuple):
+    """One row of an arm that has been included.
+
+    Attributes:
+        c: (n,) its coefficients.
+        k: (n,) P c^T.
+        inverse: 1 / sigma; 0 for a dependent row.
+        gain: (n,) k / sigma.
+        e: (c,) what the columns leave of the row.
+        nu: (c,) e / sigma.
     """
-    S, e, on_trunk = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size)), m.r - x, None
-    (v, u), (_, under_w) = halfway(S, e), halfway(S, P @ w)
-    if e.ndim == 2:
-        load = v[:, 1:].T @ (u[:, 0] - under_w) - w @ x[:, 1:]
-        on_trunk = np.column_stack([load, v[:, 1:].T @ u[:, 1:]])
 
-    def solution(beta: Array | None = None) -> tuple[Array, Array]:
-        nu, z = back_substitution(S.L, np.column_stack([of_beta(u, beta), under_w])).T
-        return of_beta(x, beta) + P @ nu + m.R @ z, nu - z
-
-    def solve_rhs(x: Array, r: Array, w: Array) -> tuple[Array, Array]:
-        nu, z = ldl_solve(S, np.column_stack([r - x, P @ w])).T
-        return x + P @ nu + m.R @ z, nu - z
-
-    return TerminalUpdate(solution, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest, on_trunk, solve_rhs)
+    c: Array
+    k: Array
+    inverse: Scalar
+    gain: Array
+    e: Array
+    nu: Array
 
 
-def row_updates(
-    x: Array, P: FactoredMobility, m: Measurement, size: Array, tolerance: float = RANK_TOLERANCE
-) -> tuple[Array, FactoredMobility, Update]:
-    """Return x and P after one arm, and its back-substitution.
+class RowSums(NamedTuple):
+    """The update by an arm whose rows are included one after the other.
 
-    For each independent row c alpha(G) = r - d lambda: sigma = c P c^T + d, k = P c^T, nu = (r - c x) / sigma,
-    x += k nu, P -= k k^T / sigma. Backward: lambda = nu - (k . s) / sigma, s += c^T lambda.
+    For each independent row c z = r - d lambda: sigma = c P c^T + d, k = P c^T, nu = (r - c x) / sigma, x += k nu,
+    P -= k k^T / sigma. Backward: lambda = nu - (k . s) / sigma, s += c^T lambda.
 
-    Args:
-        x: acceleration of G of the object with the arms before.
-        P: their mobility at G.
-        m: the arm's measurement.
-        size: (3,) size of P, for judging pivots.
-        tolerance: relative size of a pivot that counts as zero.
+    Attributes:
+        rows: the rows.
+        made_independent: function that makes a right-hand side independent; see `independent_rows`.
     """
-    rows: list[tuple[Array, Array, Any]] = []
-    inverses: list[Scalar] = []
-    width = 1 if m.r.ndim == 1 else m.r.shape[1]
-    on_trunk = None if m.r.ndim == 1 else np.zeros((width - 1, width))
-    independent: Array | None = None if m.held is None else np.zeros(len(m.held))
-    kept: Scalar = 0
-    weakest: Scalar = 1.0
-    noises, ordered, made_independent = independent_rows(m, m.pivot_sizes(size), m.typical_pivots(size))
-    for d, row in zip(noises, ordered, strict=True):
-        c, (scale, typical) = row[:6], row[6 + width : 8 + width]
-        r = row[6] if m.r.ndim == 1 else row[6 : 6 + width]
-        P, k, sigma, alive = updated(P, c, d, tolerance * scale)
-        inverse = where(alive, 1.0 / where(alive, sigma, 1.0), 0.0)
-        e = r - c @ x
-        nu = e * inverse
-        x = x + (nu * k if on_trunk is None else outer(k, nu))
-        rows.append((c, inverse * k, nu))
-        inverses.append(inverse)
-        kept = kept + where(alive, 1, 0)
-        weakest = minimum(weakest, where(alive, sigma / where(alive, typical, 1.0), 1.0))
-        if independent is not None:
-            independent = independent + row[9 + width :] * where(alive, 1.0, 0.0)
-        if on_trunk is not None:
-            on_trunk = on_trunk + outer(e[1:], nu)
 
-    def solve_rhs(x: Array, r: Array) -> tuple[Array, BackSubstitution]:
-        others = []
-        for (c, gain, _), inverse, one in zip(rows, inverses, made_independent(r), strict=True):
-            e = one - c @ x
-            x = x + (e * gain if r.ndim == 1 else outer(gain, e))
-            others.append((c, gain, e * inverse))
-        return x, back_through(others)
+    rows: list[IncludedRow]
+    made_independent: Callable[[Array], Array]
 
-    return x, P, Update(back_through(rows), solve_rhs, kept, weakest, independent, on_trunk)
+    def forward(self, x: Array, r: Array) -> tuple[Array, Array, list[Scalar]]:
+        """Return x after the arm, its load (c,) on the columns, and nu of every row for the way back."""
+        load, nus = np.zeros(len(self.rows[0].e) if self.rows else 0), []
+        for row, one in zip(self.rows, self.made_independent(r), strict=True):
+            nu = (one - row.c @ x) * row.inverse
+            x, load = x + nu * row.k, load + row.e * nu
+            nus.append(nu)
+        return x, load, nus
 
-
-def back_through(rows: Sequence[tuple[Array, Array, Any]]) -> BackSubstitution:
-    """Return the back-substitution through rows c, with their gains and innovations."""
-
-    def back_substitute(s: Array, beta: Array | None = None) -> Array:
-        from_arm = np.zeros(6)
-        for c, gain, nu in reversed(rows):
-            own = nu if beta is None else nu[0] + nu[1:] @ beta
-            from_arm = from_arm + (own - gain @ (s + from_arm)) * c
+    def back(self, s: Array, nus: list[Scalar], beta: Array) -> Array:
+        """Return C^T lambda, the wrench of the arm at G, for that of all arms after it."""
+        from_arm = np.zeros(len(s))
+        for row, nu in zip(reversed(self.rows), reversed(nus), strict=True):
+            from_arm = from_arm + (nu + row.nu @ beta - row.gain @ (s + from_arm)) * row.c
         return from_arm
 
-    return back_substitute
+
+def row_sums(
+    X: Array,
+    P: FactoredMobility,
+    m: Measurement,
+    scale: Array,
+    typical: Array,
+    tolerance: float = RANK_TOLERANCE,
+) -> tuple[Included, RowSums]:
+    """Return the update by an arm whose rows are included one after the other.
+
+    Args:
+        X: (n, c) response of the open accelerations to the columns.
+        P: their mobility.
+        m: the arm's measurement.
+        scale: (rows,) sizes of the terms in the pivots.
+        typical: (rows,) typical pivots.
+        tolerance: relative size of a pivot that counts as zero.
+    """
+    count = X.shape[1]
+    N, kept, weakest = np.zeros((count, count)), np.zeros(())[()], np.ones(())[()]
+    independent: Array | None = None if m.held is None else np.zeros(len(m.held))
+    found = independent_rows(m, scale, typical)
+    included = []
+    for row, d, e, (size, usual), which in zip(*found[:-1], strict=True):
+        P, k, sigma, alive = updated(P, row, d, tolerance * size)
+        inverse = where(alive, 1.0 / where(alive, sigma, 1.0), 0.0)
+        left = e - row @ X
+        nu = inverse * left
+        X, N = X + outer(k, nu), N + outer(left, nu)
+        included.append(IncludedRow(row, k, inverse, inverse * k, left, nu))
+        kept = kept + where(alive, 1, 0)
+        weakest = minimum(weakest, where(alive, sigma / where(alive, usual, 1.0), 1.0))
+        if independent is not None:
+            independent = independent + which * where(alive, 1.0, 0.0)
+    return Included(X, P, N, kept, weakest, independent), RowSums(included, found.made_independent)
 
 
-def independent_rows(
-    m: Measurement, scale: Array, typical: Array
-) -> tuple[list[Scalar], Array, Callable[[Array], Array]]:
+class IndependentRows(NamedTuple):
+    """The rows of one arm with a diagonal R, in the chosen order.
+
+    Attributes:
+        C: (rows, n) L^-1 C.
+        d: >= 0, the diagonal of R.
+        X: (rows, c) L^-1 X.
+        sizes: (rows, 2) the scale of each row, and its typical pivot.
+        which: (rows, rows) 1 for the original row, if rows have a mask; otherwise (rows, 0).
+        made_independent: function that applies L^-1, in the chosen order, to a right-hand side (rows,) or (rows, m).
+    """
+
+    C: Array
+    d: list[Scalar]
+    X: Array
+    sizes: Array
+    which: Array
+    made_independent: Callable[[Array], Array]
+
+
+def independent_rows(m: Measurement, scale: Array, typical: Array) -> IndependentRows:
     """Return the rows of one arm with a diagonal R, from the factorisation R = L diag(d) L^T.
 
     The row with the largest remaining pivot comes first. The entries of L are therefore at most one, and the zero
     pivots of an arm with few joints, whose quotients are meaningless, come last.
 
-    Returns:
-        A tuple of three. First d >= 0, (rows,). Second, (rows, 10) in the chosen order: L^-1 [C, r], the scale of each
-        row, its typical pivot, and the reciprocal of R's part of the scale. With a trunk, its columns follow r; if rows
-        have a mask, up to six more columns identify the original row. Third, a function that applies L^-1, in the
-        chosen order, to another r, (rows,) or (rows, m).
+    Args:
+        m: the arm's measurement.
+        scale: (rows,) sizes of the rows.
+        typical: (rows,) typical pivots.
     """
-    width = 1 if m.r.ndim == 1 else m.r.shape[1]
-    numbers, inverse_size = 6 + width, 8 + width  # number of columns of L^-1 [C, r]; index of the reciprocal size
+    count, n = m.C.shape
+    numbers = n + m.X.shape[1]  # number of columns of L^-1 [C, X]; the sizes follow
+    inverse_size = numbers + 2
     inverse_sizes = array([where(size > 0.0, 1.0 / where(size > 0.0, size, 1.0), 0.0) for size in m.own_sizes()])
-    which = [] if m.held is None else [np.eye(len(m.held))]
-    R, rows = m.R, np.column_stack([m.C, m.r, scale, typical, inverse_sizes, *which])
-    count = len(R)
+    which = np.eye(count) if m.held is not None else np.zeros((count, 0))
+    R, rows = m.R, np.column_stack([m.C, m.X, scale, typical, inverse_sizes, which])
     d: list[Scalar] = []
     steps: list[tuple[int, list[tuple[int, Scalar]], Array | None]] = []  # row, exchanges with others, multipliers
 
@@ -205,7 +284,8 @@ def independent_rows(
             exchanges.append((i, where(larger, 1.0, 0.0)))
         if j >= m.most:  # the remainder of R is only rounding
             steps.append((j, exchanges, None))
-            return d + [0.0] * (count - j), rows, made_independent
+            d += [0.0] * (count - j)
+            break
         alive = R[j, j] * rows[j, inverse_size] > NEGLIGIBLE_PIVOT
         d.append(where(alive, R[j, j], 0.0))
         below: Array = R[j + 1 :, j] * where(alive, 1.0 / where(alive, R[j, j], 1.0), 0.0)
@@ -215,7 +295,9 @@ def independent_rows(
         less = np.column_stack([outer(below, rows[j, :numbers]), rest_of_row])
         rows = np.concatenate([rows[: j + 1], rows[j + 1 :] - less])
         steps.append((j, exchanges, below))
-    return d, rows, made_independent
+    return IndependentRows(
+        rows[:, :n], d, rows[:, n:numbers], rows[:, numbers:inverse_size], rows[:, inverse_size + 1 :], made_independent
+    )
 
 
 def exchange(count: int, i: int, j: int) -> list[int]:

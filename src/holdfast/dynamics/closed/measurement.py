@@ -7,7 +7,6 @@ linear block, so the decision depends neither on the axes nor on the units.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +26,8 @@ class Measurement:
     Attributes:
         C: K A, (rows, 6).
         R: K Lambda K^T, the "measurement noise".
-        r: (rows,) K (alpha_f + g - a). For an arm on a trunk it is (rows, 1 + c) [r | K X], which stands for
-            r + K X beta with the accelerations beta of the trunk's columns.
+        r: (rows,) K (alpha_f + g - a).
+        X: (rows, c) K X, what the accelerations beta of a trunk's columns add to r; (rows, 0) without columns.
         extent: (4,) sizes of the arm's mobility at the contact point: angular [1/(kg m^2)]; linear, including rotations
             with the length of the arm as lever; linear [1/kg]; and the squared distance of the point from G [m^2].
         angular: for each row, whether it is a moment.
@@ -41,6 +40,7 @@ class Measurement:
     C: Array
     R: Array
     r: Array
+    X: Array
     extent: Array
     angular: tuple[bool, ...]
     most: int
@@ -74,48 +74,6 @@ class Measurement:
         return array([turning if angular else along for angular in self.angular])
 
 
-BackSubstitution = Callable[..., Array]  # function of s (6,) and beta (6,) or None; returns an arm's wrench at G, (6,)
-
-
-@dataclass(frozen=True, eq=False)
-class Update:
-    """The result of including one arm in the filter, for the back-substitution.
-
-    Attributes:
-        back_substitute: function of s (6,), the wrench at G of all arms after this one, and of beta (c,) for the
-            trunk's columns, or None; it returns this arm's wrench, C^T lambda.
-        solve_rhs: function of another x and r that returns x after the arm and its back-substitution, using the same
-            factors.
-        kept: number of its rows that are independent of the rows before.
-        weakest: the smallest pivot of these rows, relative to a typical one.
-        independent: (rows,) 1 for the independent rows, if the contact has a mask of rows.
-        on_trunk: (c, 1 + c) [load | inertia] that the grasp of a mounted arm adds to the equations of the trunk's
-            columns, E^T S^-1 (r - C x).
-    """
-
-    back_substitute: BackSubstitution
-    solve_rhs: Callable[[Array, Array], tuple[Array, BackSubstitution]]
-    kept: Scalar
-    weakest: Scalar
-    independent: Array | None = None
-    on_trunk: Array | None = None
-
-
-def of_beta(columns: Array, beta: Array | None) -> Array:
-    """Return x + X beta for columns [x | X], (rows, 1 + c), or x itself, (rows,), without a trunk."""
-    return columns if columns.ndim == 1 else columns[:, 0] + columns[:, 1:] @ beta
-
-
-def with_columns(first: Array, tip: TipResponse) -> Array:
-    """Return [acceleration | X], (6, 1 + c), with X from the response at the base, or (6,) without a trunk."""
-    return first if tip.base is None else np.column_stack([first, tip.base.X])
-
-
-def column_wise(f: Callable[[Array], Array], columns: Array) -> Array:
-    """Return f applied to a 6-vector, or to each column of a (6, m) matrix."""
-    return f(columns) if columns.ndim == 1 else array([f(column) for column in columns.T]).T
-
-
 def measurement(c: Contact, tip: TipResponse) -> Measurement:
     """Return the measurement of alpha(G) by one arm.
 
@@ -123,25 +81,25 @@ def measurement(c: Contact, tip: TipResponse) -> Measurement:
         c: its contact, with G in place of C.
         tip: its tip response.
     """
-    r = with_columns(tip.free_acceleration + c.g - c.a, tip)
+    r, columns = tip.free_acceleration + c.g - c.a, [] if tip.base is None else tip.base.X.T
     turning, moving = block_sizes(tip.mobility)
     summed = moving + tip.length * tip.length * turning  # the arm's length bounds its levers
     lever, most = c.offset @ c.offset, len(tip.pivots)
     if len(c.rows) == 6 and c.held is None:
         R = tip.mobility.mobility_shifted(-c.offset).dense()
         extent = array([turning, summed + lever * turning, moving + lever * turning, 0.0 * turning])
-        at_centre = column_wise(lambda one: shift_twist(-c.offset, one), r)
-        return Measurement(np.eye(6), R, at_centre, extent, ANGULAR, most, True)
+        X = array([shift_twist(-c.offset, column) for column in columns]).reshape(-1, 6).T
+        return Measurement(np.eye(6), R, shift_twist(-c.offset, r), X, extent, ANGULAR, most, True)
     rows = list(c.rows)
     C = array([shift_wrench(c.offset, row) for row in c.K]).reshape(-1, 6)  # (K A)^T = A^T K^T
     kind, R = c.grasp.of_kind, tip.mobility.rotated(c.R.T).dense()
     R = kind.along(kind.along(R).T)[rows][:, rows]
-    r = column_wise(c.transmitted, r)
+    r, X = c.transmitted(r), array([c.transmitted(column) for column in columns]).reshape(len(columns), len(rows)).T
     held = None if c.held is None else c.held[rows]
     if held is not None:
-        C, R, r = (C.T * held).T, R * outer(held, held), (r.T * held).T
+        C, R, r, X = (C.T * held).T, R * outer(held, held), r * held, (X.T * held).T
     angular = tuple(kind.angular[i] for i in rows)
-    return Measurement(C, R, r, array([turning, summed, moving, lever]), angular, most, False, held)
+    return Measurement(C, R, r, X, array([turning, summed, moving, lever]), angular, most, False, held)
 
 
 def seen_along(c: Contact, m: Measurement, gap: Array) -> Array:

@@ -21,11 +21,17 @@ import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
-from holdfast.dynamics.closed.filter_updates import TerminalUpdate, rigid_update, row_updates, terminal_update
+from holdfast.dynamics.closed.filter_updates import (
+    Included,
+    ParallelSum,
+    RowSums,
+    TerminalSum,
+    parallel_sum,
+    row_sums,
+    terminal_sum,
+)
 from holdfast.dynamics.closed.measurement import (
-    BackSubstitution,
     Measurement,
-    Update,
     block_sizes,
     measurement,
     seen_along,
@@ -108,9 +114,9 @@ class Factors(NamedTuple):
         about: the contacts about G.
         seen: the arms' measurements.
         order: the order of the arms.
-        sums: updates by the arms of `order.parallel`.
-        end: update by the arm of `order.terminal`.
-        rows: updates by the arms of `order.by_rows`.
+        sums: factors of the arms of `order.parallel`.
+        end: factors of the arm of `order.terminal`.
+        rows: factors of the arms of `order.by_rows`.
         P: mobility after the last arm, (6, 6) or in factored form.
     """
 
@@ -118,9 +124,9 @@ class Factors(NamedTuple):
     about: list[Contact]
     seen: list[Measurement]
     order: Order
-    sums: list[Update]
-    end: list[TerminalUpdate]
-    rows: list[Update]
+    sums: list[ParallelSum]
+    end: list[TerminalSum]
+    rows: list[RowSums]
     P: Any
 
 
@@ -148,9 +154,9 @@ def object_filter(
     seen = each(measurement, about, tips)
     order = order_of(seen)
     size = initial_size(body, [seen[i] for i in (*order.parallel, *order.terminal, *order.by_rows)])
-    x, w, r = [body.acceleration], [body.wrench], [[] for _ in seen]  # the measurements contain the first r
+    x, w, r = [body.acceleration], [body.wrench], [[m.r] for m in seen]
     if second is not None:
-        r = [[one] for one in each(seen_along, about, seen, second[0])]
+        r = [[*of, more] for of, more in zip(r, each(seen_along, about, seen, second[0]), strict=True)]
         x, w = [*x, np.zeros(6)], [*w, shift_wrench(-body.centre, second[1])]
 
     parallel, by_rows = ([[of[i] for i in some] for of in (seen, r)] for some in (order.parallel, order.by_rows))
@@ -159,26 +165,27 @@ def object_filter(
     (now, size), sums = scan(rigid_arm, (now, size), *parallel)
     if order.terminal:
         now, end, alpha, last = terminal_arm(now, seen[order.terminal[0]], r[order.terminal[0]], size, w)
-        s, rows = [load + own for load, own in zip(w, last[0], strict=True)], []
+        s, rows, independent = [load + own for load, own in zip(w, last[0], strict=True)], [], []
     else:
         free = each(factored, [now.P], [sizes_of_rows(size)])[0] if sums else FactoredMobility(body.D, body.w)
         now = now._replace(P=free)
-        now, rows = scan(lambda now, m, r: arm_by_rows(now, m, r, size, tolerance), now, *by_rows)
+        now, found = scan(lambda now, m, r: arm_by_rows(now, m, r, size, tolerance), now, *by_rows)
+        rows, independent = [one[0] for one in found], [one[2] for one in found]
         alpha, end = [x + now.P.apply(load) for x, load in zip(now.x, w, strict=True)], []
-        s, last = scan(back_substituted, w, [backs for _, backs in reversed(rows)])
-    _, first = scan(back_substituted, s, [backs for _, backs in reversed(sums)])
+        s, last = scan(back_substituted, w, [one[:2] for one in reversed(found)])
+    _, first = scan(back_substituted, s, list(reversed(sums)))
 
     loads = by_grasp(order, first, last)
     wrenches = [each(wrench_at_contact, about, [of_sides[k] for of_sides in loads]) for k in range(len(w))]
     P = now.P if order.terminal else now.P.dense()
-    factors = Factors(body.centre, about, seen, order, [u for u, _ in sums], end, [u for u, _ in rows], now.P)
+    factors = Factors(body.centre, about, seen, order, [u for u, _ in sums], end, rows, now.P)
     return ObjectSolution(
         wrenches=wrenches[0],
         object_acceleration=acceleration_at_C(body.centre, body.centripetal, alpha[0]),
         mobility=symmetric6(P).mobility_shifted(-body.centre).dense(),
         rank=now.rank,
         weakest_pivot=now.weakest,
-        independent=[u.independent for u in factors.rows] if len(rows) == len(contacts) else [],
+        independent=independent if len(rows) == len(contacts) else [],
         solve_with_factors=lambda gaps, wrench: solve_with_factors(factors, gaps, wrench),
         second=None if second is None else (wrenches[1], shift_twist(-body.centre, alpha[1])),
     )
@@ -195,15 +202,15 @@ def solve_with_factors(factors: Factors, gaps: list[Array], wrench: Array) -> tu
     order, end = factors.order, factors.end
     r = each(seen_along, factors.about, factors.seen, gaps)
     w = shift_wrench(-factors.centre, wrench)
-    x, sums = scan(lambda x, u, r: u.solve_rhs(x, r), np.zeros(6), factors.sums, [r[i] for i in order.parallel])
+    x, sums = scan(passed, np.zeros(6), factors.sums, [r[i] for i in order.parallel])
     if end:
-        ((alpha, own),) = each(lambda end, r: end.solve_rhs(x, r, w), end, [r[i] for i in order.terminal])
+        ((alpha, own),) = each(lambda end, r: end.back(end.forward(x, r, w)[1], NO_COLUMNS), end, [r[i] for i in order.terminal])
         s, last = w + own, [own]
     else:
-        x, rows = scan(lambda x, u, r: u.solve_rhs(x, r), x, factors.rows, [r[i] for i in order.by_rows])
+        x, rows = scan(passed, x, factors.rows, [r[i] for i in order.by_rows])
         alpha = x + factors.P.apply(w)
-        s, last = scan(through, w, rows[::-1])
-    _, first = scan(through, s, sums[::-1])
+        s, last = scan(through, w, factors.rows[::-1], rows[::-1])
+    _, first = scan(through, s, factors.sums[::-1], sums[::-1])
     return each(wrench_at_contact, factors.about, by_grasp(order, first, last)), shift_twist(-factors.centre, alpha)
 
 
@@ -220,57 +227,68 @@ def by_grasp(order: Order, first: list[Any], last: list[Any]) -> list[Any]:
     return [found[i] for i in range(len(found))]
 
 
-Passed = tuple[Update, list[BackSubstitution]]  # an arm's update, and its back-substitution for every right-hand side
+Factored = ParallelSum | RowSums
+Passed = tuple[Any, list[Any]]  # an arm's factors, and what the way back needs for every right-hand side
+NO_COLUMNS = np.zeros(0)
 
 
 def rigid_arm(carry: tuple[Filter, Array], m: Measurement, r: list[Array]) -> tuple[tuple[Filter, Array], Passed]:
-    """Return the filter and the size of P after an arm included by a parallel sum, and its back-substitutions."""
+    """Return the filter and the size of P after an arm included by a parallel sum, and its factors."""
     now, size = carry
-    x, P, update = rigid_update(now.x[0], now.P, m, size)
-    now, passed = after(now, x, P, update, r)
-    return (now, minimum(size, size_at_centre(m.extent))), passed
+    included, update = parallel_sum(m.X, now.P, m, size)
+    now, kept = after(now, included, update, r)
+    return (now, minimum(size, size_at_centre(m.extent))), (update, kept)
 
 
-def arm_by_rows(now: Filter, m: Measurement, r: list[Array], size: Array, tolerance: float) -> tuple[Filter, Passed]:
-    """Return the filter after an arm included by its rows, and the arm's back-substitutions."""
-    x, P, update = row_updates(now.x[0], now.P, m, size, tolerance)
-    return after(now, x, P, update, r)
+def arm_by_rows(
+    now: Filter, m: Measurement, r: list[Array], size: Array, tolerance: float
+) -> tuple[Filter, tuple[RowSums, list[Any], Array | None]]:
+    """Return the filter after an arm included by its rows, its factors, and which rows are independent."""
+    included, update = row_sums(
+        np.zeros((6, 0)), now.P, m, m.pivot_sizes(size), m.typical_pivots(size), tolerance
+    )
+    now, kept = after(now, included, update, r)
+    return now, (update, kept, included.independent)
 
 
-def after(now: Filter, x: Array, P: Any, update: Update, r: list[Array]) -> tuple[Filter, Passed]:
-    """Return the filter after an arm, and its back-substitutions; r (rows,) of the right-hand sides after the first."""
-    others = [update.solve_rhs(x, one) for x, one in zip(now.x[1:], r, strict=True)]
-    passed = Filter([x, *(x for x, _ in others)], P, now.rank + update.kept, minimum(now.weakest, update.weakest))
-    return passed, (update, [update.back_substitute, *(back for _, back in others)])
+def after(now: Filter, included: Included, update: Factored, r: list[Array]) -> tuple[Filter, list[Any]]:
+    """Return the filter after an arm, and what the way back needs; r (rows,) of every right-hand side."""
+    sides = [passed(x, update, one) for x, one in zip(now.x, r, strict=True)]
+    weakest = minimum(now.weakest, included.weakest)
+    return Filter([x for x, _ in sides], included.P, now.rank + included.kept, weakest), [nu for _, nu in sides]
 
 
-Terminal = tuple[Filter, list[TerminalUpdate], list[Array], list[list[Array]]]
+def passed(x: Array, update: Factored, r: Array) -> tuple[Array, Any]:
+    """Return x after an arm, and what the way back needs."""
+    x, _, nu = update.forward(x, r)
+    return x, nu
+
+
+Terminal = tuple[Filter, list[TerminalSum], list[Array], list[list[Array]]]
 
 
 def terminal_arm(now: Filter, m: Measurement, r: list[Array], size: Array, w: list[Array]) -> Terminal:
-    """Return the filter after the terminal arm, its update, and for every right-hand side alpha(G) and its wrench."""
-    end = each(lambda m: terminal_update(now.x[0], now.P, m, size, w[0]), [m])
+    """Return the filter after the terminal arm, its factors, and for every right-hand side alpha(G) and its wrench."""
+    ((included, end),) = each(lambda m: terminal_sum(m.X, now.P, m, size), [m])
     (solutions,) = each(
-        lambda end, r: [
-            end.solution(),
-            *(end.solve_rhs(*of_side) for of_side in zip(now.x[1:], r, w[1:], strict=True)),
-        ],
-        end,
+        lambda end, r: [end.back(end.forward(*side)[1], NO_COLUMNS) for side in zip(now.x, r, w, strict=True)],
+        [end],
         [r],
     )
-    passed = Filter([], end[0].mobility, now.rank + end[0].kept, minimum(now.weakest, end[0].weakest))
-    return passed, end, [alpha for alpha, _ in solutions], [[own for _, own in solutions]]
+    passed = Filter([], included.P, now.rank + included.kept, minimum(now.weakest, included.weakest))
+    return passed, [end], [alpha for alpha, _ in solutions], [[own for _, own in solutions]]
 
 
-def back_substituted(s: list[Array], ways: list[BackSubstitution]) -> tuple[list[Array], list[Array]]:
+def back_substituted(s: list[Array], arm: Passed) -> tuple[list[Array], list[Array]]:
     """Return for every right-hand side the summed wrenches at G of the later arms and this one, and its own."""
-    both = [through(one, way) for one, way in zip(s, ways, strict=True)]
+    update, kept = arm
+    both = [through(one, update, nu) for one, nu in zip(s, kept, strict=True)]
     return [behind for behind, _ in both], [own for _, own in both]
 
 
-def through(s: Array, back_substitute: BackSubstitution) -> tuple[Array, Array]:
+def through(s: Array, update: Factored, nu: Any) -> tuple[Array, Array]:
     """Return the summed wrench at G of the later arms and this one, and its own."""
-    from_arm = back_substitute(s)
+    from_arm = update.back(s, nu, NO_COLUMNS)
     return s + from_arm, from_arm
 
 

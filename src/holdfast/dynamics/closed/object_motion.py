@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.model.held_object import HeldObject
+from holdfast.model.link import Link
 from holdfast.spatial.linalg import forward_substitution, ldl
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
@@ -81,24 +82,38 @@ def object_motion(body: HeldObject, frame: Pose, twist: Array, wrench: Array) ->
         twist: (6,) twist of C, world axes.
         wrench: (6,) external wrench about C, world axes.
     """
-    R, w = frame.R, twist[:3]
-    p = R @ body.com  # from C to the mass centre
-    inverse = symmetric_inverse(body.inertia)
-    none, unit = np.zeros((3, 3)), np.eye(3)
-    turning = w @ R  # object axes
-    spin = cross(turning, body.inertia @ turning)
-    falling = concatenate([-(R @ (inverse @ spin)), np.zeros(3)])  # the mass centre is not accelerated
-    mobility = Symmetric6(mirrored(R @ inverse @ R.T), none, (1.0 / body.mass) * unit)
-    D, columns = _factors(body, R)
-    free = FreeBody(p, centripetal(w, p), mobility, D, columns, falling, shift_wrench(-p, wrench))
+    R, free = frame.R, free_body(body, frame.R, twist[:3])
+    spin = R @ _spin(body, R, twist[:3])
+    inertia = Symmetric6(mirrored(R @ body.inertia @ R.T), np.zeros((3, 3)), body.mass * np.eye(3))
     return ObjectMotion(
-        Symmetric6(mirrored(R @ body.inertia @ R.T), none, body.mass * unit).inertia_shifted(p),
-        mobility.mobility_shifted(-p),
-        shift_wrench(p, concatenate([R @ spin, body.mass * free.centripetal])),
-        acceleration_at_C(p, free.centripetal, falling),
+        inertia.inertia_shifted(free.centre),
+        free.mobility.mobility_shifted(-free.centre),
+        shift_wrench(free.centre, concatenate([spin, body.mass * free.centripetal])),
+        acceleration_at_C(free.centre, free.centripetal, free.acceleration),
         wrench,
-        free,
+        free._replace(wrench=shift_wrench(-free.centre, wrench)),
     )
+
+
+def free_body(body: HeldObject | Link, R: Array, w: Array) -> FreeBody:
+    """Return a body about its mass centre, without an external wrench.
+
+    Args:
+        body: mass, mass centre and inertia.
+        R: (3, 3) its attitude in the world.
+        w: (3,) its angular velocity, world axes.
+    """
+    p = R @ body.com  # from the origin to the mass centre
+    inverse = symmetric_inverse(body.inertia)
+    falling = concatenate([-(R @ (inverse @ _spin(body, R, w))), np.zeros(3)])  # the mass centre is not accelerated
+    mobility = Symmetric6(mirrored(R @ inverse @ R.T), np.zeros((3, 3)), (1.0 / body.mass) * np.eye(3))
+    return FreeBody(p, centripetal(w, p), mobility, *_factors(body, R), falling, np.zeros(6))
+
+
+def _spin(body: HeldObject | Link, R: Array, w: Array) -> Array:
+    """Return w x I w, (3,), in the axes of the body."""
+    turning = w @ R
+    return cross(turning, body.inertia @ turning)
 
 
 def acceleration_at_C(centre: Array, centripetal: Array, alpha: Array) -> Array:
@@ -106,7 +121,7 @@ def acceleration_at_C(centre: Array, centripetal: Array, alpha: Array) -> Array:
     return shift_twist(-centre, alpha) - concatenate([np.zeros(3), centripetal])
 
 
-def _factors(body: HeldObject, R: Array) -> tuple[list[Scalar], list[Array]]:
+def _factors(body: HeldObject | Link, R: Array) -> tuple[list[Scalar], list[Array]]:
     """Return D and w with M(G)^-1 = sum D w w^T: three translations of the mass centre, then three rotations about it.
 
     I = L diag(d) L^T along object axes, so I^-1 is the sum of u u^T / d over the columns u of L^-T.

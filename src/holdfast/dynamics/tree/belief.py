@@ -1,11 +1,14 @@
 """The state of the elimination of a part: accelerations of open frames, and the mobility with which they are known.
 
 The acceleration of the open frames for given forces is x + X beta + P s, where beta is the acceleration of the part's
-root, and s are the wrenches of what has not been included yet. P = sum D w w^T remains in factors; nothing is
-subtracted from it (`FactoredMobility`). What the measured rows say about beta is a sum of squares at the root:
+root, and s are the wrenches of what has not been included yet. P = sum D w w^T remains in factors, or is a matrix while
+a lone free body is only measured by parallel sums (`filter_updates`); nothing is subtracted from it. What the measured
+rows say about beta is a sum of squares at the root:
 
-    row c z + c_root beta = r, noise d:    e = [r - c x | -c_root - c X],  sigma = d + c P c^T,  k = P c^T
+    row c z + c_root beta = r:    e = [r - c x | -c_root - c X],  sigma = c P c^T,  k = P c^T
     [x | X] += k e / sigma,    [n | N] += e_beta^T e / sigma,    D, w by Bierman's update
+
+X, P and N do not depend on the right-hand side; x and n are found by `Side`s (`steps`), one for each.
 """
 
 from __future__ import annotations
@@ -15,44 +18,65 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.factored_mobility import FactoredMobility, updated
+from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored, updated
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, minimum, select, where
 from holdfast.spatial.vector import outer
 
 
-class Rows(NamedTuple):
-    """Rows of a closure or a coupling.
-
-    Attributes:
-        on: by frame, their coefficients (rows, size).
-        e: (rows, 1 + c) [r | -c_root].
-        K: (rows, k) wrench, or multiplier, per unit of lambda.
-        noise: (rows,) d, the mobility of what no frame is open for; zeros without such a chain.
-        own_size: (rows,) size of the terms of d.
-    """
-
-    on: Mapping[int, Array]
-    e: Array
-    K: Array
-    noise: Array
-    own_size: Array
-
-
 class MeasuredRow(NamedTuple):
-    """A row that has been included, for the way back: lambda = nu [1 | beta] - gain s, s += c^T lambda.
+    """A row that has been included: nu = (r - c x) / sigma, lambda = nu + nu_beta beta - gain s, s += c^T lambda.
 
     Attributes:
         c: (n,) its coefficients.
-        gain: (n,) k / sigma; 0 for a dependent row, like nu.
-        nu: (1 + c,) e / sigma.
-        k: (k,) wrench, or multiplier, per unit of lambda.
+        k: (n,) P c^T.
+        inverse: 1 / sigma; 0 for a dependent row.
+        e: (c,) what beta leaves of the row.
+        K: (k,) wrench, or multiplier, per unit of lambda.
     """
 
     c: Array
-    gain: Array
-    nu: Array
     k: Array
+    inverse: Scalar
+    e: Array
+    K: Array
+
+
+class MeasuredRows(NamedTuple):
+    """The rows of a closure or a coupling, in the order in which they have been included.
+
+    Attributes:
+        rows: the rows.
+        picks: for every row but the last, whether each row after it has been preferred to those before.
+    """
+
+    rows: list[MeasuredRow]
+    picks: list[list[Scalar]]
+
+    def forward(self, x: Array, load: Array, r: Array) -> tuple[Array, Array, list[Scalar]]:
+        """Return x and the load on the root after the rows, and nu of every row, for a right-hand side r (rows,)."""
+        nus, rest = [], r[:, None]
+        for row, picks in zip(self.rows, self.picks, strict=True):
+            first, rest = picked(picks, rest)
+            nu = (first[0] - row.c @ x) * row.inverse
+            x, load = x + nu * row.k, load + nu * row.e
+            nus.append(nu)
+        return x, load, nus
+
+    def back(self, s: Array, nus: list[Scalar], beta: Array) -> tuple[Array, Array]:
+        """Return s with the rows' wrenches, and their wrench or multiplier (k,)."""
+        total = np.zeros(len(self.rows[0].K))
+        for row, nu in zip(reversed(self.rows), reversed(nus), strict=True):
+            force = nu + row.inverse * (row.e @ beta - row.k @ s)
+            s, total = s + force * row.c, total + force * row.K
+        return s, total
+
+
+class Untouched(NamedTuple):
+    """The mobility of a free body that nothing has measured yet, in both forms."""
+
+    dense: Array
+    factors: FactoredMobility
 
 
 class Belief(NamedTuple):
@@ -60,21 +84,43 @@ class Belief(NamedTuple):
 
     Attributes:
         frames: number of rows by open frame, the oldest first.
-        x: (n, 1 + c) [x | X].
-        P: mobility in factors (n,).
+        X: (n, c).
+        P: mobility (n, n), in factors, as a matrix, or untouched.
         prior: by frame, its mobility without any measurement, (size, size), from which sizes of pivots follow.
-        on_root: (c, 1 + c) [n | N], load and inertia at the root.
+        size: by free body's frame, (3,) sizes of its mobility as of `size_at_centre`, which parallel sums reduce.
+        N: (c, c) inertia at the root.
         kept: number of independent rows.
         weakest: the smallest pivot of these rows, relative to its size.
     """
 
     frames: Mapping[int, int]
-    x: Array
-    P: FactoredMobility
+    X: Array
+    P: FactoredMobility | Array | Untouched
     prior: Mapping[int, Array]
-    on_root: Array
+    size: Mapping[int, Array]
+    N: Array
     kept: Scalar = 0
     weakest: Scalar = 1.0
+
+    def dense(self) -> Array | None:
+        """Return the mobility as a matrix; None if it is in factors."""
+        return self.P.dense if isinstance(self.P, Untouched) else None if isinstance(self.P, FactoredMobility) else self.P
+
+    def in_factors(self) -> Belief:
+        """Return the state with P in factors."""
+        if isinstance(self.P, FactoredMobility):
+            return self
+        if isinstance(self.P, Untouched):
+            return self._replace(P=self.P.factors)
+        ((_, size),) = self.size.items()
+        return self._replace(P=factored(self.P, sizes_of_rows(size)))
+
+    @property
+    def factors(self) -> FactoredMobility:
+        """P in factors."""
+        found = self.in_factors().P
+        assert isinstance(found, FactoredMobility)
+        return found
 
     def slice_of(self, frame: int) -> slice:
         """Return the rows of a frame."""
@@ -85,31 +131,31 @@ class Belief(NamedTuple):
             start += size
         raise KeyError(frame)
 
-    def with_frame(self, frame: int, x: Array, w: Array, prior: Array) -> Belief:
+    def with_frame(self, frame: int, X: Array, w: Array, prior: Array) -> Belief:
         """Return the state with one more frame.
 
         Args:
             frame: its number.
-            x: (size, 1 + c) its mean.
+            X: (size, c).
             w: (size, factors) its rows of the present factors.
             prior: (size, size) its mobility without measurements.
         """
-        columns = [np.concatenate([own, more]) for own, more in zip(self.P.w, w.T, strict=True)]
+        columns = [np.concatenate([own, more]) for own, more in zip(self.factors.w, w.T, strict=True)]
         return self._replace(
-            frames={**self.frames, frame: len(x)},
-            x=np.concatenate([self.x, x]),
-            P=FactoredMobility(self.P.D, columns),
+            frames={**self.frames, frame: len(X)},
+            X=np.concatenate([self.X, X]),
+            P=FactoredMobility(self.factors.D, columns),
             prior={**self.prior, frame: prior},
         )
 
-    def with_rows(self, frame: int, x: Array, w: Array, prior: Array) -> Belief:
+    def with_rows(self, frame: int, X: Array, w: Array, prior: Array) -> Belief:
         """Return the state with other rows of an open frame; see `with_frame`."""
         at = self.slice_of(frame)
         before, after = slice(0, at.start), slice(at.stop, None)
-        columns = [np.concatenate([o[before], m, o[after]]) for o, m in zip(self.P.w, w.T, strict=True)]
+        columns = [np.concatenate([o[before], m, o[after]]) for o, m in zip(self.factors.w, w.T, strict=True)]
         return self._replace(
-            x=np.concatenate([self.x[before], x, self.x[after]]),
-            P=FactoredMobility(self.P.D, columns),
+            X=np.concatenate([self.X[before], X, self.X[after]]),
+            P=FactoredMobility(self.factors.D, columns),
             prior={**self.prior, frame: prior},
         )
 
@@ -121,31 +167,30 @@ class Belief(NamedTuple):
             w: by frame, its rows of their columns, (size, m).
         """
         blocks = [w[name] if name in w else np.zeros((size, len(D))) for name, size in self.frames.items()]
-        more = FactoredMobility([*self.P.D, *D.tolist()], [*self.P.w, *(array(c) for c in np.concatenate(blocks).T)])
-        return self._replace(P=_compact(more))
+        P = self.factors
+        return self._replace(P=P.plus(D.tolist(), [array(c) for c in np.concatenate(blocks).T]))
 
     def without(self, frame: int) -> Belief:
         """Return the state without a frame."""
         at = self.slice_of(frame)
         before, after = slice(0, at.start), slice(at.stop, None)
         frames = {name: size for name, size in self.frames.items() if name != frame}
-        columns = [np.concatenate([one[before], one[after]]) for one in self.P.w]
+        kept = FactoredMobility([], [])
+        if frames:
+            columns = [np.concatenate([one[before], one[after]]) for one in self.factors.w]
+            kept = FactoredMobility(self.factors.D, columns).limited()
         return self._replace(
             frames=frames,
-            x=np.concatenate([self.x[before], self.x[after]]),
-            P=_compact(FactoredMobility(self.P.D, columns)) if frames else FactoredMobility([], []),
+            X=np.concatenate([self.X[before], self.X[after]]),
+            P=kept,
             prior={name: self.prior[name] for name in frames},
+            size={name: size for name, size in self.size.items() if name in frames},
         )
 
     def factors_at(self, frame: int) -> Array:
         """Return the frame's rows of the factors, (size, factors)."""
-        at = self.slice_of(frame)
-        return array([one[at] for one in self.P.w]).reshape(len(self.P.w), self.frames[frame]).T
-
-    def mobility_of(self, frame: int) -> Array:
-        """Return the frame's rows of P, (size, n)."""
-        W = array(self.P.w).reshape(len(self.P.w), len(self.x))
-        return (self.factors_at(frame) * array(self.P.D)) @ W
+        at, w = self.slice_of(frame), self.factors.w
+        return array([one[at] for one in w]).reshape(len(w), self.frames[frame]).T
 
     def coefficients(self, on: Mapping[int, Array], count: int) -> Array:
         """Return coefficients by frame as a matrix (count, n)."""
@@ -166,62 +211,79 @@ class Belief(NamedTuple):
         return total
 
 
+def sizes_of_rows(size: Array) -> Array:
+    """Return the sizes of the rows of P, (6,), from (3,) sizes."""
+    return np.repeat(size[:2], 3)
+
+
 def empty_belief(columns: int) -> Belief:
     """Return the state without open frames; `columns` is the number of components of the root's acceleration."""
-    none = np.zeros((columns, 1 + columns))
-    return Belief({}, np.zeros((0, 1 + columns)), FactoredMobility([], []), {}, none)
+    return Belief({}, np.zeros((0, columns)), FactoredMobility([], []), {}, {}, np.zeros((columns, columns)))
 
 
-def _compact(P: FactoredMobility) -> FactoredMobility:
-    """Return a mobility with as many factors as rows if there are more than twice as many and six."""
-    return P.compressed() if P.w and len(P.D) > 2 * len(P.w[0]) + 6 else P
-
-
-def with_measurement(now: Belief, rows: Rows, tolerance: float = RANK_TOLERANCE) -> tuple[Belief, list[MeasuredRow]]:
-    """Return the state after including rows, and what the way back needs of them.
+def with_measurement(
+    now: Belief, on: Mapping[int, Array], on_root: Array, K: Array, tolerance: float = RANK_TOLERANCE
+) -> tuple[Belief, MeasuredRows]:
+    """Return the state after including rows of a closure or a coupling.
 
     The row along which most is still free, relative to its size, comes first. A row with sigma <= tolerance size
     depends on earlier ones and changes nothing.
+
+    Args:
+        now: the state before.
+        on: by frame, coefficients (rows, size).
+        on_root: (rows, c) coefficients of beta.
+        K: (rows, k) wrench, or multiplier, per unit of lambda.
+        tolerance: relative size of a pivot that counts as zero.
     """
-    count, n, width = len(rows.e), len(now.x), rows.e.shape[1]
-    sizes = now.sizes_of(rows.on, count) + rows.own_size
-    table = np.column_stack([now.coefficients(rows.on, count), rows.e, rows.K, rows.noise, sizes])
-    found = []
+    now, count, n, width = now.in_factors(), len(K), len(now.X), on_root.shape[1]
+    sizes = now.sizes_of(on, count)
+    table = np.column_stack([now.coefficients(on, count), -on_root, K, sizes])
+    found, picks = [], []
     for _ in range(count):
-        row, table = _most_free(now.P, table, n)
-        c, e, K, d, size = row[:n], row[n : n + width], row[n + width : -2], row[-2], row[-1]
-        P, k, sigma, alive = updated(now.P, c, d, tolerance * size)
+        row, table, preferred = _most_free(now.factors, table, n)
+        c, e, own, size = row[:n], row[n : n + width], row[n + width : -1], row[-1]
+        P, k, sigma, alive = updated(now.factors, c, 0.0, tolerance * size)
         inverse = where(alive, 1.0 / where(alive, sigma, 1.0), 0.0)
-        e = e - c @ now.x
-        nu, gain = inverse * e, inverse * k
+        e = e - c @ now.X
         some = where(size > 0.0, size, 1.0)
         now = now._replace(
-            x=now.x + outer(k, nu),
+            X=now.X + outer(k, inverse * e),
             P=P,
-            on_root=now.on_root + outer(e[1:], nu),
+            N=now.N + outer(e, inverse * e),
             kept=now.kept + where(alive, 1, 0),
             weakest=minimum(now.weakest, where(alive, sigma / some, 1.0)),
         )
-        found.append(MeasuredRow(c, gain, nu, K))
-    return now, found
+        found.append(MeasuredRow(c, k, inverse, e, own))
+        picks.append(preferred)
+    return now, MeasuredRows(found, picks)
 
 
-def _most_free(P: FactoredMobility, table: Array, n: int) -> tuple[Array, Array]:
-    """Return the row of a table (rows, n + .. + d + size) with the largest sigma / size, and the other rows."""
-    F = [table[:, :n] @ w for w in P.w]
-    sigma = table[:, -2]
-    for D, f in zip(P.D, F, strict=True):
+def _most_free(P: FactoredMobility, table: Array, n: int) -> tuple[Array, Array, list[Scalar]]:
+    """Return the row of a table (rows, n + .. + size) with the largest sigma / size, the other rows, and the choices."""
+    sigma = np.zeros(len(table))
+    for D, w in zip(P.D, P.w, strict=True):
+        f = table[:, :n] @ w
         sigma = sigma + D * f * f
     return first_by(sigma, table)
 
 
-def first_by(variance: Array, table: Array) -> tuple[Array, Array]:
-    """Return the row of a table with the largest variance relative to its size, the last column, and the others."""
-    row, (most, *rest), others = table[0], relative(variance, table[:, -1]), []
-    for one, s in zip(table[1:], rest, strict=True):
-        more = s > most
+def first_by(variance: Array, table: Array) -> tuple[Array, Array, list[Scalar]]:
+    """Return the row of a table with the largest variance relative to its size, the last column; see `picked`."""
+    most, *rest = relative(variance, table[:, -1])
+    picks = []
+    for s in rest:
+        picks.append(s > most)
+        most = where(picks[-1], s, most)
+    return *picked(picks, table), picks
+
+
+def picked(picks: list[Scalar], table: Array) -> tuple[Array, Array]:
+    """Return the preferred row of a table and the others, where every row after the first may be preferred."""
+    row, others = table[0], []
+    for one, more in zip(table[1:], picks, strict=True):
         others.append(select(more, row, one))
-        row, most = select(more, one, row), where(more, s, most)
+        row = select(more, one, row)
     return row, array(others).reshape(-1, table.shape[1])
 
 

@@ -3,23 +3,31 @@
 Inward, every body settles at its parent, and every part condenses at its root to an inertia N and a load n. Outward,
 with the acceleration of the root known, the steps of the part are taken in reverse. The root of a tree is the world or
 a free body, whose acceleration is I^-1 (w - z) in the end.
+
+The factors do not depend on the loads; with them, any right-hand side is solved (`solve`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.closed.tip_response import responded
 from holdfast.dynamics.tree.belief import Belief, empty_belief
 from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.dynamics.tree.leaves import back_leaves, forward_leaves, leaves_of, measure_leaves
+from holdfast.dynamics.tree.crossing import Crossed, back_cross, cross, forward_cross
+from holdfast.dynamics.tree.order import Cross, ForestPart, MeasureLeaves, PlanStep
 from holdfast.dynamics.tree.plan import Condense, EliminationPlan, Settle
 from holdfast.dynamics.tree.settled import SettledBody, settled_body
-from holdfast.dynamics.tree.steps import STEPS, Back, PartMotion
+from holdfast.dynamics.tree.steps import STEPS, Back, Inward, PartMotion, RightHandSide
 from holdfast.model.forest import GROUND
-from holdfast.spatial.linalg import ldl_solve
-from holdfast.spatial.scalar import Array, Scalar, concatenate, minimum
-from holdfast.spatial.symmetric import symmetric6
+from holdfast.spatial.linalg import RANK_TOLERANCE, ldl_solve
+from holdfast.spatial.scalar import Array, Scalar, each, minimum
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+from holdfast.spatial.symmetric import Symmetric6, symmetric6
 
 
 class ForestSolution(NamedTuple):
@@ -27,47 +35,67 @@ class ForestSolution(NamedTuple):
 
     Attributes:
         qdd: per body, (m,) joint accelerations; of a free body, (6,) that of its mass centre.
-        beta: per body, (6,) acceleration that the joints add, about the body's point.
+        beta: per body, (6,) acceleration that the joints add, about the body's point; None within limbs.
         wrenches: per closure, (6,) wrench f of body a on body b about the contact point.
         multipliers: per coupling, lambda.
         rank: number of independent rows of the constraint on qd.
         weakest: the smallest pivot of these rows, relative to its size.
         pivots: per body, (m,) articulated inertias of its joint.
+        bases: per limb, (6,) wrench of its base on it.
     """
 
     qdd: list[Array]
-    beta: list[Array]
+    beta: list[Any]
     wrenches: list[Array]
     multipliers: list[Scalar]
     rank: Scalar
     weakest: Scalar
     pivots: list[Array]
+    bases: Sequence[Array] = ()
 
 
 class Condensed(NamedTuple):
     """A part after its steps.
 
     Attributes:
+        of: what its steps needed.
         belief: the last state, without open frames.
-        kept: per step, what its way back needs.
+        factors: per step, its factors.
     """
 
+    of: PartMotion
     belief: Belief
-    kept: list[Any]
+    factors: list[Any]
+
+
+class ForestFactors(NamedTuple):
+    """The factors of a forest's equations.
+
+    Attributes:
+        motion: the forest's motion.
+        plan: the order.
+        settled: by body, the response of its joint.
+        parts: by part.
+    """
+
+    motion: ForestMotion
+    plan: EliminationPlan
+    settled: Mapping[int, SettledBody]
+    parts: Mapping[int, Condensed]
 
 
 def solved(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
     """Return the accelerations and forces of a forest, after taking back what rounding left of its closures.
 
     A joint's acceleration is found from the forces on it, of which large ones that nearly balance leave few digits. The
-    same steps, at rest, with what is left of the rows as their right-hand sides, bring them back.
+    same factors, with what is left of the rows as their right-hand sides, bring them back.
 
     Args:
         motion: its motion.
         plan: the order.
     """
-    first = eliminated(motion, plan)
-    again = eliminated(motion.at_rest_with(*left_over(motion, first)), plan)
+    factors, first = factorised(motion, plan)
+    again = solve(factors, motion.at_rest_with(*left_over(motion, first)))
 
     def both(x: list[Any], y: list[Any]) -> list[Any]:
         return [a + b for a, b in zip(x, y, strict=True)]
@@ -92,87 +120,238 @@ def left_over(motion: ForestMotion, found: ForestSolution) -> tuple[list[Array],
 
 
 def eliminated(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
-    """Return the accelerations and forces of a forest.
+    """Return the accelerations and forces of a forest, as the elimination leaves them; see `solved`."""
+    return factorised(motion, plan)[1]
+
+
+def right_hand_side(motion: ForestMotion) -> RightHandSide:
+    """Return the loads and the right-hand sides of a forest's motion."""
+    free = {k: body for k, body in enumerate(motion.bodies) if body is not None and body.free is not None}
+    return RightHandSide(
+        motion.bodies,
+        {k: body.free.acceleration - body.at.zeta for k, body in free.items()},
+        motion.closures,
+        motion.coupled,
+        motion.limbs,
+        motion.lone,
+    )
+
+
+def factorised(
+    motion: ForestMotion, plan: EliminationPlan, tolerance: float = RANK_TOLERANCE
+) -> tuple[ForestFactors, ForestSolution]:
+    """Return the factors of a forest's equations, and the solution for its own loads.
 
     Args:
         motion: its motion.
         plan: the order.
+        tolerance: relative size of a pivot that counts as zero.
     """
-    settled, condensed = _inward(motion, plan)
-    beta: dict[int, Array] = {GROUND: np.zeros(6)}
-    qdd: dict[int, Array] = {}
-    back: dict[int, Back] = {}
-    for step in reversed(plan.inward):
-        if isinstance(step, Condense):
-            back[step.part] = _outward(motion, settled, plan, condensed[step.part], step.part, beta)
-            continue
-        body = settled[step.body]
-        if body.motion.floats:
-            pushed = ldl_solve(body.factors, body.motion.wrench - body.load)
-            qdd[step.body] = beta[step.body] = pushed if step.part is None else back[step.part].beta[step.body]
-            continue
-        assert step.part is not None  # only free bodies are roots
-        moved = body.moved(beta[motion.forest.topology.parents[step.body]][:, None])[:, 0]
-        extra = back[step.part].extra.get(step.body, 0.0)
-        qdd[step.body] = body.nu + extra - body.G.T @ moved
-        beta[step.body] = moved + body.motion.H @ qdd[step.body]
-    wrenches = {i: f for one in back.values() for i, f in one.wrenches.items()}
-    multipliers = {i: x for one in back.values() for i, x in one.multipliers.items()}
-    rank: Scalar = 0
-    weakest: Scalar = 1.0
-    for one in condensed.values():
-        rank, weakest = rank + one.belief.kept, minimum(weakest, one.belief.weakest)
-    order = range(len(motion.bodies))
-    return ForestSolution(
-        [qdd[k] for k in order],
-        [beta[k] for k in order],
-        [wrenches[i] for i in range(len(motion.closures))],
-        [multipliers[i] for i in range(len(motion.forest.couplings))],
-        rank,
-        weakest,
-        [settled[k].factors.pivots for k in order],
-    )
-
-
-def _inward(motion: ForestMotion, plan: EliminationPlan) -> tuple[dict[int, SettledBody], dict[int, Condensed]]:
-    """Return the settled bodies and the condensed parts."""
-    inertia = {k: body.inertia for k, body in enumerate(motion.bodies)}
-    load = {k: body.load for k, body in enumerate(motion.bodies)}
+    sides = [Inward(right_hand_side(motion))]
     settled: dict[int, SettledBody] = {}
-    condensed: dict[int, Condensed] = {}
+    parts: dict[int, Condensed] = {}
+    inertia, alone = _with_limbs(motion, sides)
     for step in plan.inward:
         if isinstance(step, Settle):
             k, parent = step.body, motion.forest.topology.parents[step.body]
-            settled[k] = settled_body(motion.bodies[k], inertia[k], load[k])
+            if k not in inertia:
+                continue  # within a limb
+            settled[k] = settled_body(motion.bodies[k], inertia[k], alone=k in alone)
             if parent != GROUND:
-                more, pushed = settled[k].onto_parent()
-                inertia[parent], load[parent] = inertia[parent].plus(more), load[parent] + pushed
+                inertia[parent], alone = inertia[parent].plus(settled[k].inertia_on_parent()), alone - {parent}
+            for side in sides:
+                _settle(side, k, parent, settled[k])
             continue
         part = plan.parts[step.part]
-        of = PartMotion(motion, settled, part, 0 if part.root == GROUND else 6)
-        belief, kept = empty_belief(of.width), []
-        for one in plan.steps[step.part]:
-            belief, remembered = STEPS[type(one)][0](belief, one, of)
-            kept.append(remembered)
-        condensed[step.part] = Condensed(belief, kept)
-        if of.width and plan.steps[step.part]:
-            N, n = symmetric6(belief.on_root[:, 1:]), belief.on_root[:, 0]
-            inertia[part.root], load[part.root] = inertia[part.root].plus(N), load[part.root] + n
-    return settled, condensed
+        steps = plan.steps[step.part]
+        of = PartMotion(motion, settled, part, width_at_first(part, steps), tolerance)
+        leaves = [leaf for one in steps if isinstance(one, MeasureLeaves) for leaf in one.leaves]
+        of = of._replace(leaves=leaves_of(of, leaves))
+        now, factors = empty_belief(of.width), []
+        for side in sides:
+            side.begin(step.part, of.width)
+        for one in steps:
+            if isinstance(one, MeasureLeaves):
+                now, found, kept = measure_leaves(now, sides, one, of)
+            elif isinstance(one, Cross):
+                k, parent = one.body, motion.forest.topology.parents[one.body]
+                inertia[k] = inertia[k].plus(symmetric6(now.N))
+                settled[k] = settled_body(motion.bodies[k], inertia[k], alone=False)
+                now, found = cross(now, settled[k], parent)
+                of = of._replace(width=now.X.shape[1])
+                if parent != GROUND:
+                    inertia[parent], alone = inertia[parent].plus(settled[k].inertia_on_parent()), alone - {parent}
+                kept = [_cross(side, k, parent, found) for side in sides]
+            else:
+                now, found = STEPS[type(one)].factor(now, one, of)
+                kept = [STEPS[type(one)].forward(side, one, found) for side in sides]
+            factors.append(found)
+            for side, kept_of_side in zip(sides, kept, strict=True):
+                side.kept[step.part].append(kept_of_side)
+        parts[step.part] = Condensed(of, now, factors)
+        if of.width and steps:
+            inertia[part.root], alone = inertia[part.root].plus(symmetric6(now.N)), alone - {part.root}
+            for side in sides:
+                side.load[part.root] = side.load[part.root] + side.on_root
+    found = ForestFactors(motion, plan, settled, parts)
+    return found, _outward(found, sides)[0]
 
 
-def _outward(
-    motion: ForestMotion,
-    settled: dict[int, SettledBody],
-    plan: EliminationPlan,
-    condensed: Condensed,
-    index: int,
+def solve(factors: ForestFactors, motion: ForestMotion) -> ForestSolution:
+    """Return the accelerations and forces for other loads and right-hand sides at the same configuration."""
+    side, plan = Inward(right_hand_side(motion)), factors.plan
+    _with_limbs(motion, [side])
+    for step in plan.inward:
+        if isinstance(step, Settle):
+            if step.body in factors.settled:
+                parent = motion.forest.topology.parents[step.body]
+                _settle(side, step.body, parent, factors.settled[step.body])
+            continue
+        part, condensed = plan.parts[step.part], factors.parts[step.part]
+        side.begin(step.part, width_at_first(part, plan.steps[step.part]))
+        for one, found in zip(plan.steps[step.part], condensed.factors, strict=True):
+            if isinstance(one, Cross):
+                kept = _cross(side, one.body, motion.forest.topology.parents[one.body], found)
+                side.kept[step.part].append(kept)
+                continue
+            forward = forward_leaves if isinstance(one, MeasureLeaves) else STEPS[type(one)].forward
+            side.kept[step.part].append(forward(side, one, found))
+        if condensed.of.width and plan.steps[step.part]:
+            side.load[part.root] = side.load[part.root] + side.on_root
+    return _outward(factors, [side])[0]
+
+
+def _with_limbs(motion: ForestMotion, sides: Sequence[Inward]) -> tuple[dict[int, Symmetric6], frozenset[int]]:
+    """Return the inertias of the bodies outside limbs with those of the limbs on them, and which bodies have none.
+
+    The loads of the limbs are added to those of the bodies.
+    """
+    within = {k for limb in motion.all_limbs for k in limb.bodies}
+    inertia = {k: body.inertia for k, body in enumerate(motion.bodies) if k not in within}
+    carrying = set()
+    for limb in motion.all_limbs:
+        base = limb.tip.base
+        if base is not None:
+            locked = base.locked.moved(np.eye(3), limb.offset).symmetric()
+            inertia[limb.on] = inertia[limb.on].plus(locked).plus(symmetric6(base.Y))
+            carrying.add(limb.on)
+    for side in sides:
+        side.load = {k: side.rhs.bodies[k].load for k in inertia}
+        for limb in (*side.rhs.limbs.values(), *side.rhs.lone):
+            base = limb.tip.base
+            if base is not None:
+                side.load[limb.on] = side.load[limb.on] + shift_wrench(limb.offset, base.at_rest) + base.wrench
+    return inertia, frozenset(inertia) - carrying
+
+
+def _settle(side: Inward, k: int, parent: int, body: SettledBody) -> None:
+    """Let the load of a body settle at its parent."""
+    load, torque = side.load[k], side.rhs.bodies[k].torque
+    falling = side.rhs.falling.get(k) if body.alone else None
+    side.nu[k] = body.nu(load, torque) if falling is None else falling
+    if parent != GROUND:
+        side.load[parent] = side.load[parent] + body.load_on_parent(load, torque)
+
+
+def _cross(side: Inward, k: int, parent: int, found: Crossed) -> None:
+    """Take a right-hand side across the joint of a body, on which it settles first."""
+    side.load[k] = side.load[k] + side.on_root
+    _settle(side, k, parent, found.body)
+    forward_cross(side, k, found)
+
+
+def width_at_first(part: ForestPart, steps: Sequence[PlanStep]) -> int:
+    """Return the number of components of the acceleration of the root with which a part begins."""
+    return 0 if part.root == GROUND and not any(isinstance(step, Cross) for step in steps) else 6
+
+
+def _outward(factors: ForestFactors, sides: Sequence[Inward]) -> list[ForestSolution]:
+    """Return the solutions, from the world outward."""
+    motion, plan = factors.motion, factors.plan
+    count, backs = len(sides), [{} for _ in sides]
+    beta: list[dict[int, Array]] = [{GROUND: np.zeros(6)} for _ in sides]
+    qdd: list[dict[int, Array]] = [{} for _ in sides]
+    for step in reversed(plan.inward):
+        if isinstance(step, Condense):
+            condensed, root = factors.parts[step.part], plan.parts[step.part].root
+            width = 0 if root == GROUND else 6
+            now = [Back(side.rhs, beta[i][root][:width]) for i, side in enumerate(sides)]
+            kinds = zip(plan.steps[step.part], condensed.factors, strict=True)
+            for j, (one, found) in reversed(list(enumerate(kinds))):
+                kept = [side.kept[step.part][j] for side in sides]
+                if isinstance(one, MeasureLeaves):
+                    back_leaves(now, one, found, kept)
+                    continue
+                if isinstance(one, Cross):
+                    for i, back in enumerate(now):
+                        below = beta[i][motion.forest.topology.parents[one.body]]
+                        k, nu = one.body, sides[i].nu[one.body]
+                        qdd[i][k], beta[i][k] = back_cross(back, found, nu, below)
+                    continue
+                for back, of_side in zip(now, kept, strict=True):
+                    STEPS[type(one)].back(back, one, found, of_side)
+            for i, back in enumerate(now):
+                backs[i][step.part] = back
+        elif step.body in factors.settled:
+            for i in range(count):
+                _accelerate(factors, step, sides[i], backs[i], beta[i], qdd[i])
+    return [_solution(factors, sides[i], backs[i], beta[i], qdd[i]) for i in range(count)]
+
+
+def _accelerate(
+    factors: ForestFactors,
+    step: Settle,
+    side: Inward,
+    backs: Mapping[int, Back],
     beta: dict[int, Array],
-) -> Back:
-    """Return the forces and accelerations within a part, the acceleration of its root being known."""
-    part = plan.parts[index]
-    of = PartMotion(motion, settled, part, 0 if part.root == GROUND else 6)
-    back = Back(concatenate([np.ones(1), beta[part.root][: of.width]]))
-    for step, kept in zip(reversed(plan.steps[index]), reversed(condensed.kept), strict=True):
-        STEPS[type(step)][1](back, step, kept, of)
-    return back
+    qdd: dict[int, Array],
+) -> None:
+    """Find the acceleration of a body whose parent's is known."""
+    k, body = step.body, factors.settled[step.body]
+    if body.motion.floats:
+        if step.part is None:
+            qdd[k] = beta[k] = ldl_solve(body.factors, side.rhs.bodies[k].wrench - side.load[k])
+        else:
+            qdd[k] = beta[k] = backs[step.part].beta[k]
+        return
+    assert step.part is not None  # only free bodies are roots
+    moved = body.moved(beta[factors.motion.forest.topology.parents[k]][:, None])[:, 0]
+    qdd[k] = side.nu[k] + backs[step.part].extra.get(k, 0.0) - body.G.T @ moved
+    beta[k] = moved + body.motion.H @ qdd[k]
+
+
+def _solution(
+    factors: ForestFactors,
+    side: Inward,
+    backs: Mapping[int, Back],
+    beta: dict[int, Array],
+    qdd: dict[int, Array],
+) -> ForestSolution:
+    """Return the solution, with the accelerations of the joints in limbs."""
+    motion, limbs = factors.motion, [*side.rhs.limbs.items(), *((None, limb) for limb in side.rhs.lone)]
+    wrenches = {i: f for one in backs.values() for i, f in one.wrenches.items()}
+    multipliers = {i: x for one in backs.values() for i, x in one.multipliers.items()}
+    found = each(
+        responded,
+        [limb.tip for _, limb in limbs],
+        [np.zeros(6) if i is None else -wrenches[i] if limb.is_b else wrenches[i] for i, limb in limbs],
+        [None if limb.tip.base is None else beta[limb.on] for _, limb in limbs],
+    )
+    for (_, limb), (own, _) in zip(limbs, found, strict=True):
+        qdd |= {k: own[[j]] for j, k in enumerate(limb.bodies)}
+    rank: Scalar = 0
+    weakest: Scalar = 1.0
+    for one in factors.parts.values():
+        rank, weakest = rank + one.belief.kept, minimum(weakest, one.belief.weakest)
+    order = range(len(motion.forest.bodies))
+    none = np.zeros(0)
+    return ForestSolution(
+        [qdd[k] for k in order],
+        [beta.get(k) for k in order],
+        [wrenches[i] for i in range(len(motion.forest.closures))],
+        [multipliers[i] for i in range(len(motion.forest.couplings))],
+        rank,
+        weakest,
+        [factors.settled[k].factors.pivots if k in factors.settled else none for k in order],
+        [base for _, base in found],
+    )

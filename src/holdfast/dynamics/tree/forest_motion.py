@@ -9,12 +9,16 @@ body, where its inertia has two blocks. A closure reads K (phi_b^T beta_b - phi_
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.arm.motion import ArmMotion, resting
 from holdfast.dynamics.closed.contact import Contact, contact
+from holdfast.dynamics.closed.object_motion import FreeBody, free_body
+from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.model.forest import Closure, Forest, ForestBody
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
@@ -61,6 +65,7 @@ class BodyMotion(NamedTuple):
         torque: (m,) torques of the joint, without those of dampers.
         armature: (m,) inertia of the drives.
         wrench: (6,) external wrench on a free body; 0 for others.
+        free: a free body by itself, if its mobility about its mass centre is at hand.
     """
 
     at: Carrier
@@ -71,6 +76,7 @@ class BodyMotion(NamedTuple):
     torque: Array
     armature: Array
     wrench: Array
+    free: FreeBody | None = None
 
     @property
     def floats(self) -> bool:
@@ -84,31 +90,56 @@ class BodyMotion(NamedTuple):
             beta: (6,) acceleration that the joints add.
             gravity: (3,).
         """
+        true = self.at.zeta + beta + concatenate([_NONE, gravity])
+        if not self.floats:
+            return true
         l = -self.at.centre
-        centripetal_part = concatenate([_NONE, centripetal(self.at.twist[:3], l)])
-        if self.floats:
-            return shift_twist(l, beta) + centripetal_part
-        return self.at.zeta + beta + concatenate([_NONE, gravity])
+        return shift_twist(l, true) + concatenate([_NONE, centripetal(self.at.twist[:3], l)])
 
 
 class ClosureMotion(NamedTuple):
-    """A closure at one instant.
+    """A closure at one instant: K (phi_b^T beta_b - phi_a^T beta_a) = r with r = K (g + zeta_a - zeta_b).
 
     Attributes:
         contact: its kinematics, as of a grasp.
         tip: pose of the frame on body a in the world.
-        K: (rows, 6) transmitted directions at the contact point.
-        on_a: (rows, 6) -K phi_a^T, rows at the point of body a.
-        on_b: (rows, 6) K phi_b^T, rows at the point of body b.
-        r: (rows,) right-hand side.
+        l_a, l_b: (3,) from the points of the bodies to the contact point [m].
+        g: (6,) as of the contact.
+        zeta_a, zeta_b: (6,) accelerations at the contact point while no joint accelerates.
     """
 
     contact: Contact
     tip: Pose
-    K: Array
-    on_a: Array
-    on_b: Array
-    r: Array
+    l_a: Array
+    l_b: Array
+    g: Array
+    zeta_a: Array
+    zeta_b: Array
+
+    @property
+    def K(self) -> Array:
+        """(rows, 6) transmitted directions at the contact point."""
+        return self.contact.K
+
+    @property
+    def on_a(self) -> Array:
+        """(rows, 6) -K phi_a^T, rows at the point of body a."""
+        return -array([shift_wrench(self.l_a, k) for k in self.K]).reshape(-1, 6)
+
+    @property
+    def on_b(self) -> Array:
+        """(rows, 6) K phi_b^T, rows at the point of body b."""
+        return array([shift_wrench(self.l_b, k) for k in self.K]).reshape(-1, 6)
+
+    @property
+    def r(self) -> Array:
+        """(rows,) right-hand side."""
+        return self.contact.transmitted(self.g + self.zeta_a - self.zeta_b)
+
+    def at_rest_with(self, r: Array) -> ClosureMotion:
+        """Return the closure at rest with another right-hand side."""
+        none = np.zeros(6)
+        return self._replace(g=r @ self.K, zeta_a=none, zeta_b=none)
 
 
 class ForestMotion(NamedTuple):
@@ -119,19 +150,63 @@ class ForestMotion(NamedTuple):
         bodies: its bodies.
         closures: its closures.
         coupled: per coupling, the right-hand side of its row.
+        limbs: by closure, the chain of joints that it ends, if that is treated as one step.
+        lone: chains of joints without a closure that are treated so, too.
     """
 
     forest: Forest
     bodies: list[BodyMotion]
     closures: list[ClosureMotion]
     coupled: list[Scalar]
+    limbs: Mapping[int, Limb] = MappingProxyType({})
+    lone: Sequence[Limb] = ()
+
+    @property
+    def all_limbs(self) -> list[Limb]:
+        """Limbs with and without a closure."""
+        return [*self.limbs.values(), *self.lone]
 
     def at_rest_with(self, gaps: list[Array], coupled: list[Scalar]) -> ForestMotion:
         """Return the forest at rest, without torques, wrenches and gravity, with other right-hand sides of its rows."""
         none = np.zeros(6)
-        bodies = [body._replace(load=none, torque=0.0 * body.torque, wrench=none) for body in self.bodies]
-        closures = [c._replace(r=r) for c, r in zip(self.closures, gaps, strict=True)]
-        return self._replace(bodies=bodies, closures=closures, coupled=coupled)
+        bodies = [
+            body._replace(
+                at=body.at._replace(zeta=none),
+                load=none,
+                torque=0.0 * body.torque,
+                wrench=none,
+                free=None if body.free is None else body.free.at_rest(),
+            )
+            for body in self.bodies
+        ]
+        closures = [c.at_rest_with(r) for c, r in zip(self.closures, gaps, strict=True)]
+        limbs, lone = {i: limb.at_rest() for i, limb in self.limbs.items()}, [limb.at_rest() for limb in self.lone]
+        return self._replace(bodies=bodies, closures=closures, coupled=coupled, limbs=limbs, lone=lone)
+
+
+class Limb(NamedTuple):
+    """A chain of joints that ends at one closure at most and that nothing else needs, with its response at its tip.
+
+    Attributes:
+        bodies: its bodies.
+        on: the body on which it stands; `GROUND` for the world.
+        offset: (3,) from the point of that body to its base [m].
+        is_b: whether its end is body b of the closure.
+        motion: its motion, with six base columns if it stands on a body.
+        tip: its tip response, about the contact point.
+    """
+
+    bodies: tuple[int, ...]
+    on: int
+    offset: Array
+    is_b: bool
+    motion: ArmMotion
+    tip: TipResponse
+
+    def at_rest(self) -> Limb:
+        """Return the limb at rest, without torques, wrenches and gravity."""
+        motion = resting(self.motion.arm, self.motion.at, self.motion.base_columns)
+        return self._replace(motion=motion, tip=self.tip.for_load(motion))
 
 
 def still_world(gravity: Array) -> Carrier:
@@ -203,22 +278,19 @@ def _on_joint(body: ForestBody, parent: Carrier, q: Array, qd: Array, torque: Ar
 
 
 def _floating(body: ForestBody, world: Carrier, q: Array, qd: Array, torque: Array, wrench: Array) -> BodyMotion:
-    link = body.link
     R, p = body.joint.displacement(q)
-    centre = R @ link.com
-    at = Carrier(Pose.unchecked(R, p), centre, shift_twist(centre, qd), world.zeta)
-    turning = mirrored(R @ link.inertia @ R.T)
-    inertia = Symmetric6(turning, np.zeros((3, 3)), link.mass * np.eye(3))
-    gyroscopic = cross(qd[:3], turning @ qd[:3])
-    load = concatenate([gyroscopic, link.mass * world.zeta[3:]])
-    pushed = shift_wrench(-centre, wrench + torque)
-    return BodyMotion(at, p + centre, np.eye(6), inertia, load, np.zeros(6), np.zeros(6), pushed)
+    free = free_body(body.link, R, qd[:3])
+    at = Carrier(Pose.unchecked(R, p), free.centre, shift_twist(free.centre, qd), world.zeta)
+    turning, mass = mirrored(R @ body.link.inertia @ R.T), body.link.mass
+    inertia = Symmetric6(turning, np.zeros((3, 3)), mass * np.eye(3))
+    load = concatenate([cross(qd[:3], turning @ qd[:3]), mass * world.zeta[3:]])
+    pushed = shift_wrench(-free.centre, wrench + torque)
+    return BodyMotion(at, p + free.centre, np.eye(6), inertia, load, np.zeros(6), np.zeros(6), pushed, free)
 
 
 def _closure(closure: Closure, a: Carrier, b: Carrier) -> ClosureMotion:
     reach = a.frame.R @ closure.tip.p
     tip, l_a = Pose.unchecked(a.frame.R @ closure.tip.R, a.frame.p + reach), reach - a.centre
     c = contact(closure.grasp, b.frame, b.twist_at(-b.centre), tip, a.twist_at(l_a))
-    l_b, K = c.offset - b.centre, c.K
-    on_a, on_b = (array([shift_wrench(l, k) for k in K]).reshape(-1, 6) for l in (l_a, l_b))
-    return ClosureMotion(c, tip, K, -on_a, on_b, K @ (c.g + a.zeta_at(l_a) - b.zeta_at(l_b)))
+    l_b = c.offset - b.centre
+    return ClosureMotion(c, tip, l_a, l_b, c.g, a.zeta_at(l_a), b.zeta_at(l_b))

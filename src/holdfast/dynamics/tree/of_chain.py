@@ -1,23 +1,32 @@
-"""The solution of a closed chain by the elimination of its forest."""
+"""The solution of a closed chain by the elimination of its forest, in which every arm is a limb."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, pseudo_gravity
-from holdfast.dynamics.tree.elimination import solved
-from holdfast.dynamics.tree.forest_motion import ForestMotion, forest_motion, moving_world
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.object_motion import acceleration_at_C
+from holdfast.dynamics.closed.tip_response import Route, tip_response
+from holdfast.dynamics.tree.elimination import ForestSolution, factorised
+from holdfast.dynamics.tree.forest_motion import BodyMotion, Carrier, ClosureMotion, ForestMotion, Limb
 from holdfast.dynamics.tree.plan import plan_of
-from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkBody
 from holdfast.errors import MethodNotApplicable
 from holdfast.model.chain_forest import ChainForest, chain_forest
-from holdfast.spatial.scalar import Array, concatenate
-from holdfast.spatial.spatial_vector import shift_wrench
+from holdfast.model.forest import GROUND
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import array, concatenate, each
+from holdfast.spatial.spatial_vector import twist_shift
+
+_NONE = np.zeros(3)
 
 
-def tree(motion: ChainMotion) -> Solution:
+def tree(motion: ChainMotion, route: Route = "auto") -> Solution:
     """Return the solution of a chain as a forest: O(n) + O(l), in the order of its plan.
 
     Raises:
@@ -25,71 +34,103 @@ def tree(motion: ChainMotion) -> Solution:
     """
     if any(c.held is not None for c in motion.contacts):
         raise MethodNotApplicable("chooses the rows that it imposes by their pivots; try method='sequential'")
-    chain, found = motion.chain, _forest_of(motion.chain)
-    of_forest = motion_of_chain(motion, found)
-    whole = solved(of_forest, plan_of(found.forest.topology))
-    qdd = {name: concatenate([whole.qdd[k] for k in own]) for name, own in found.arms.items()}
-    none = np.zeros(6)
-    held = of_forest.bodies[found.held_object]
-    alpha = held.true_acceleration(whole.beta[found.held_object], chain.gravity)
-    trunk = None
-    if chain.trunk is not None:
+    found = _forest_of(motion.chain)
+    of_forest = motion_of_chain(motion, found, route)
+    _, whole = factorised(of_forest, plan_of(found.forest.topology, cut=False))
+    return _of_chain(motion, found, of_forest, whole)
+
+
+def _of_chain(motion: ChainMotion, found: ChainForest, of_forest: ForestMotion, whole: ForestSolution) -> Solution:
+    """Return the solution of a chain from that of its forest."""
+    chain, free, none = motion.chain, motion.body.free, np.zeros(6)
+    qdd = {name: concatenate([np.zeros(0), *(whole.qdd[k] for k in own)]) for name, own in found.arms.items()}
+    bases = dict(zip(_names_of_limbs(motion, found), whole.bases, strict=True))
+    trunk, pivots = None, None
+    if motion.trunk is not None:
         first = 1 if chain.floats else 0
-        base = of_forest.bodies[0].true_acceleration(whole.beta[0], chain.gravity) if chain.floats else None
-        trunk = TrunkAcceleration(concatenate([whole.qdd[k] for k in found.trunk[first:]]), base)
+        joints = found.trunk[first:]
+        trunk = TrunkAcceleration(
+            concatenate([np.zeros(0), *(whole.qdd[k] for k in joints)]), whole.beta[0] if chain.floats else None
+        )
+        pivots = concatenate([np.zeros(0), *(whole.pivots[k] for k in found.trunk)])
+    tips = {limb.motion.arm.name: limb.tip for limb in of_forest.all_limbs}
     return Solution(
         [qdd[name] for name in chain.grasps],
         [whole.wrenches[found.closures[name]] if name in found.closures else none for name in chain.grasps],
-        alpha - pseudo_gravity(chain),
+        acceleration_at_C(free.centre, free.centripetal, whole.beta[found.held_object]),
+        base_wrenches=[bases[name] for name in chain.grasps],
         rank=whole.rank + chain.contact_freedom_count,
         weakest_pivot=whole.weakest,
         trunk=trunk,
+        trunk_pivots=pivots,
     )
 
 
 _forest_of = lru_cache(maxsize=8)(chain_forest)  # chains are frozen, and compared by identity
 
 
-def motion_of_chain(motion: ChainMotion, found: ChainForest) -> ForestMotion:
-    """Return the motion of a chain's forest, with the same torques and wrenches, and those of its force elements.
+def motion_of_chain(motion: ChainMotion, found: ChainForest, route: Route = "auto") -> ForestMotion:
+    """Return the motion of a chain's forest, in which every arm is a limb.
 
     Args:
         motion: the chain's motion.
         found: its forest.
+        route: method for the tip responses, see `tip_response`.
     """
     chain, forest = motion.chain, found.forest
-    parts: dict[int, tuple[Array, Array, Array]] = {}
-    wrenches = np.zeros((len(forest.bodies), 6))
-    under, behind = {}, {}
-    if motion.trunk_case is not None and motion.trunk is not None:
-        case, first = motion.trunk_case, 1 if chain.floats else 0
-        if chain.floats:
-            parts[0] = case.base.wxyz_xyz, case.base_twist, np.zeros(6)
-        elif found.trunk:
-            under[0] = moving_world(case.base.p, case.base_twist, case.base_acceleration)
-        for k, at in zip(found.trunk[first:], range(len(case.q)), strict=True):
-            parts[k] = case.q[[at]], case.qd[[at]], np.array([motion.trunk.bodies[k].torque])
-        wrenches[: len(found.trunk)] += case.wrenches
-    for name, own in found.arms.items():
-        arm, given = motion.arms[name], motion.cases[name].given
-        for k, body in enumerate(own):
-            parts[body] = given.q[[k]], given.qd[[k]], arm.torque[[k]]
-        if given.link_wrenches is not None:
-            wrenches[own.start : own.stop] += given.link_wrenches
-        mount = chain.mounted_on.get(name)
-        if mount is None:
-            world = moving_world(given.arm.base.p, given.base_twist, given.base_acceleration)
-            if own:
-                under[own[0]] = world
-            elif name in found.closures:
-                behind[found.closures[name]] = world
-        if arm.known is not None and own:
-            wrenches[own[-1]] -= shift_wrench(arm.at.reach[-1], arm.known)
-        elif arm.known is not None and mount is not None and motion.trunk is not None:
-            wrenches[mount] -= shift_wrench(motion.trunk.mounts[name].offset + arm.base_to_tip, arm.known)
-    held = motion.object_case
-    assert held is not None
-    parts[found.held_object] = held.frame.wxyz_xyz, held.twist, np.zeros(6)
-    wrenches[found.held_object] = held.wrench
-    q, qd, torque = (concatenate([parts[k][i] for k in range(len(forest.bodies))]) for i in range(3))
-    return forest_motion(forest, q, qd, torque, wrenches, under, behind)
+    bodies: list[BodyMotion] = [_no_body()] * len(forest.bodies)
+    arms = {name: (GROUND, _NONE, arm) for name, arm in motion.arms.items()}
+    if motion.trunk is not None:
+        bodies[: len(found.trunk)] = [_trunk_body(body) for body in motion.trunk.bodies]
+        for name, mount in motion.trunk.mounts.items():
+            columns = replace(motion.arms[name], base_columns=twist_shift(mount.offset))
+            arms[name] = mount.body, mount.offset, columns
+    bodies[found.held_object] = _object(motion)
+    names = [name for name in chain.arms if name in chain.grasps or arms[name][0] != GROUND]
+    tips = each(lambda arm: tip_response(arm, route), [arms[name][2] for name in names])
+    limbs = {
+        name: Limb(tuple(found.arms[name]), on, offset, False, arm, tip)
+        for name, tip in zip(names, tips, strict=True)
+        for on, offset, arm in [arms[name]]
+    }
+    about = each(lambda c: c.about(motion.body.free.centre, motion.body.free.centripetal), motion.contacts)
+    contacts = dict(zip(chain.grasps, about, strict=True))
+    closures = [_closure(contacts[name], limbs[name]) for name in found.closures]
+    closed = {i: limbs.pop(name) for name, i in found.closures.items()}
+    return ForestMotion(forest, bodies, closures, [], closed, list(limbs.values()))
+
+
+def _names_of_limbs(motion: ChainMotion, found: ChainForest) -> Sequence[str]:
+    """Return the names of the limbs, in their order."""
+    chain = motion.chain
+    others = [name for name in chain.arms if name in chain.grasps or name in chain.mounted_on]
+    return [*found.closures, *(name for name in others if name not in found.closures)]
+
+
+def _closure(c: Contact, limb: Limb) -> ClosureMotion:
+    arm = limb.motion
+    return ClosureMotion(
+        c, arm.at.tip, limb.offset + arm.base_to_tip, c.offset, c.g, arm.bias.tip_acceleration, c.a
+    )
+
+
+def _trunk_body(body: TrunkBody) -> BodyMotion:
+    at, none = Carrier(body.frame, _NONE, body.twist, body.zeta), np.zeros(6)
+    if body.H is None or body.joint is None:
+        return BodyMotion(at, body.reach, np.eye(6), body.inertia.symmetric(), body.wrench, none, none, none)
+    torque, armature = array([body.torque]), np.array([body.joint.armature])
+    return BodyMotion(at, body.reach, body.H[:, None], body.inertia.symmetric(), body.wrench, torque, armature, none)
+
+
+def _object(motion: ChainMotion) -> BodyMotion:
+    """Return the object about its mass centre, without gravity: its accelerations are less [0; g]."""
+    free, none = motion.body.free, np.zeros(6)
+    at = Carrier(Pose.identity(), free.centre, none, none)
+    inertia = motion.body.inertia.inertia_shifted(-free.centre)
+    return BodyMotion(at, free.centre, np.eye(6), inertia, none, none, none, free.wrench, free)
+
+
+def _no_body() -> BodyMotion:
+    """Return what stands for a body within a limb."""
+    none = np.zeros(6)
+    return BodyMotion(Carrier(Pose.identity(), _NONE, none, none), _NONE, np.zeros((6, 1)), None, none, none, none, none)

@@ -87,6 +87,22 @@ class MeasureLeaf(NamedTuple):
     other: int | None
 
 
+class MeasureLeaves(NamedTuple):
+    """Leaves one after the other; with the last of them a free body may leave, if nothing else is open."""
+
+    leaves: tuple[MeasureLeaf, ...]
+    closes: CloseFrame | None
+
+
+class Cross(NamedTuple):
+    """The root moves inward over the joint of a body, on which all that was measured hangs, while only free bodies are open.
+
+    The root of the world follows a free body.
+    """
+
+    body: int
+
+
 class CloseFrame(NamedTuple):
     """A frame is left out; `body` is the free body that has stayed at it, or None."""
 
@@ -94,7 +110,7 @@ class CloseFrame(NamedTuple):
     body: int | None
 
 
-PlanStep = AddFree | OpenFrame | MoveFrame | Measure | Couple | MeasureLeaf | CloseFrame
+PlanStep = AddFree | OpenFrame | MoveFrame | Measure | Couple | MeasureLeaves | Cross | CloseFrame
 
 
 def widest(steps: Sequence[PlanStep]) -> int:
@@ -107,8 +123,8 @@ def widest(steps: Sequence[PlanStep]) -> int:
                 size[step.frame] = 6
             case MoveFrame() if step.note is not None:
                 size[step.note] = 1
-            case CloseFrame():
-                del size[step.frame]
+            case CloseFrame() | MeasureLeaves(closes=CloseFrame()):
+                del size[step.frame if isinstance(step, CloseFrame) else step.closes.frame]
         most = max(most, sum(size.values()))
     return most
 
@@ -144,6 +160,49 @@ class Branches:
         return Branches(topology, part, closures_at, noted, {v: sorted(ks) for v, ks in children.items()})
 
 
+    def above(self, vertex: int) -> list[int]:
+        """Return a body and those on which it hangs, from itself inward."""
+        found = []
+        while vertex != GROUND:
+            found.append(vertex)
+            vertex = self.topology.parents[vertex]
+        return found
+
+    def backbone(self) -> list[int]:
+        """Return the bodies over whose joints the root moves inward, the outermost first.
+
+        They are those on which several closures hang, one on the other, as long as nothing else does. What hangs on
+        one of them may be closed only with itself and with free bodies on which nothing hangs, and no coupling may need
+        its joint.
+        """
+        found, vertex = [], self.part.root
+        while True:
+            below = [k for k in self._below(vertex) if self._hanging(k) > 1]
+            if len(below) != 1 or not self._by_itself(below[0]):
+                return found[::-1]
+            vertex = below[0]
+            found.append(vertex)
+
+    def _below(self, vertex: int) -> list[int]:
+        """Return the children of a vertex; free bodies with children are those of the world."""
+        free = [k for k in self.part.members if self.topology.free[k] and self.children[k]] if vertex == GROUND else []
+        return [*self.children.get(vertex, []), *free]
+
+    def _hanging(self, k: int) -> int:
+        """Return the number of closures that need a body or what hangs on it."""
+        return sum(any(k in self.above(v) for v in self.topology.ends[i] if v != GROUND) for i in self.part.closures)
+
+    def _by_itself(self, k: int) -> bool:
+        """Return whether a body's joint may be crossed; see `backbone`."""
+        free, ends = self.topology.free, self.topology.ends
+        for i in self.part.closures:
+            within = [v for v in ends[i] if v != GROUND and k in self.above(v)]
+            others = [v for v in ends[i] if v not in within]
+            if within and any(v == GROUND or not free[v] or self.children[v] for v in others):
+                return False
+        return not any(j in self.above(k) for i in self.part.couplings for j in self.topology.coupled[i])
+
+
 @dataclass(frozen=True)
 class Front:
     """The search after some steps; `way` returns it after further ones.
@@ -154,6 +213,7 @@ class Front:
         frames: open frames, the youngest last, by body; those of joint accelerations by (body,).
         next_frame: number of the next frame.
         closures, couplings: those that have not been imposed.
+        root: the vertex whose acceleration is given at present.
         ahead: by vertex, the children to which no frame has moved.
         added: the free bodies that have been added.
         firm: vertices that do not move freely: what was closed with the root, the world, or a body on joints.
@@ -166,6 +226,7 @@ class Front:
     next_frame: int
     closures: frozenset[int]
     couplings: frozenset[int]
+    root: int
     ahead: dict[int, frozenset[int]]
     added: frozenset[int] = frozenset()
     firm: frozenset[int] = field(default_factory=frozenset)
@@ -185,18 +246,35 @@ class Front:
         """Return the frame at a vertex, `ROOT`, or None for the world."""
         if vertex in self.frames:
             return self.frames[vertex]
-        return ROOT if vertex == self.of.part.root and vertex != GROUND else None
+        return ROOT if vertex == self.root and vertex != GROUND else None
 
     def at(self, vertex: int) -> bool:
         """Return whether the acceleration of a vertex is in the state, or given."""
-        return vertex in (self.of.part.root, GROUND) or vertex in self.frames
+        return vertex in self.given or vertex in self.frames
+
+    @property
+    def given(self) -> tuple[int, ...]:
+        """The vertices whose accelerations are given: the root, and the world unless the root has to move inward."""
+        return (self.root, GROUND) if self.root == self.of.part.root else (self.root,)
 
     def ways(self) -> list[tuple[int | None, int]]:
         """Return the ways on: from a vertex to a child, or None and a free body to add."""
-        tops = [self.of.part.root, GROUND, *(v for v in self.frames if isinstance(v, int))]
+        tops = [*self.given, *(v for v in self.frames if isinstance(v, int))]
         found = [(v, k) for v in dict.fromkeys(tops) for k in sorted(self.ahead.get(v, ()))]
-        free = [k for k in self.of.part.members if self.of.topology.free[k] and k not in self.added]
+        inner = self.root == self.of.part.root
+        needed = {v for i in self.closures if inner or self._hangs(i) for v in self.of.topology.ends[i]}
+        free = [k for k in self.of.part.members if self.of.topology.free[k] and k not in self.added and k in needed]
         return [*found, *((None, k) for k in sorted(free))]
+
+    def _hangs(self, closure: int) -> bool:
+        """Return whether an end of a closure hangs on the present root."""
+        return any(self.root in self.of.above(v) for v in self.of.topology.ends[closure] if v != GROUND)
+
+    def crossed(self) -> Front:
+        """Return the front after the root has moved inward over its joint."""
+        parent = self.of.topology.parents[self.root]
+        now = replace(self, steps=(*self.steps, Cross(self.root)), root=parent)
+        return now._closed()
 
     def way(self, start: int | None, k: int) -> Front:
         """Return the front after a way from a vertex along the joints to the next body that matters."""
@@ -289,6 +367,7 @@ def ordered(topology: Topology, part: ForestPart, leaves: bool = True) -> tuple[
     if not part.closures and not part.couplings:
         return ()
     of = Branches.of(topology, part)
+    backbone = of.backbone() if leaves else []
     now = Front(
         of,
         (),
@@ -296,10 +375,20 @@ def ordered(topology: Topology, part: ForestPart, leaves: bool = True) -> tuple[
         0,
         frozenset(part.closures),
         frozenset(part.couplings),
-        {v: frozenset(ks) for v, ks in of.children.items()},
-        firm=frozenset({part.root, GROUND}),
+        backbone[0] if backbone else part.root,
+        {v: frozenset(ks) - {*backbone} for v, ks in of.children.items()},
+        added=frozenset(k for k in backbone if topology.free[k]),
+        firm=frozenset({part.root, GROUND, *backbone}),
     )
-    now = now._closed().absorbed()
+    now = _searched(now._closed())
+    for _ in backbone:
+        now = _searched(now.crossed())
+    return _with_leaves(now.steps, topology) if leaves else now.steps
+
+
+def _searched(now: Front) -> Front:
+    """Return the front after everything that can be reached from its root."""
+    now = now.absorbed()
     while ways := now.ways():
         before, found = now.measured, []
         for start, k in ways:
@@ -307,21 +396,42 @@ def ordered(topology: Topology, part: ForestPart, leaves: bool = True) -> tuple[
             more = then.measured - before
             found.append(((then.loose, then.width - (more > 0), -more, start is None, k), then))
         now = min(found, key=lambda one: one[0])[1]
-    return _with_leaves(now.steps, topology) if leaves else now.steps
+    return now
 
 
 def _with_leaves(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanStep, ...]:
-    """Return the steps with every chain that opens, moves to one closure and closes again as one step."""
+    """Return the steps with every chain that opens, moves to one closure and closes again as one step.
+
+    What is measured at the same frames commutes; leaves come first, so that a light free body is soon held by joints.
+    """
     found: list[PlanStep] = []
     i = 0
     while i < len(steps):
+        step, last = steps[i], found[-1] if found else None
         leaf, count = _leaf(steps[i:], topology)
-        found.append(leaf)
+        if isinstance(leaf, MeasureLeaf):
+            at = len(found)
+            while at and isinstance(found[at - 1], Measure | Couple):
+                at -= 1
+            last = found[at - 1] if at else None
+            if isinstance(last, MeasureLeaves) and last.closes is None:
+                found[at - 1] = MeasureLeaves((*last.leaves, leaf), None)
+            else:
+                found.insert(at, MeasureLeaves((leaf,), None))
+        elif isinstance(last, MeasureLeaves) and _closes_with(last, step):
+            found[-1] = MeasureLeaves(last.leaves, step)
+        else:
+            found.append(leaf)
         i += count
     return tuple(found)
 
 
-def _leaf(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanStep, int]:
+def _closes_with(leaves: MeasureLeaves, step: PlanStep) -> bool:
+    """Return whether a step after leaves is that of a free body that leaves with them."""
+    return leaves.closes is None and isinstance(step, CloseFrame) and step.body is not None
+
+
+def _leaf(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanStep | MeasureLeaf, int]:
     """Return the leaf with which the steps begin, or their first step, and how many steps it replaces."""
     first = steps[0]
     if not isinstance(first, OpenFrame):

@@ -13,12 +13,14 @@ from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
-from holdfast.dynamics.tree.order import ForestPart, PlanStep, ordered
+from holdfast.dynamics.tree.order import Cross, ForestPart, PlanStep, ordered
 from holdfast.model.forest import GROUND, Topology
 
 
 class Settle(NamedTuple):
     """The elimination of a body after everything that hangs on it: of its joint, or of a free body.
+
+    Bodies over which the root of a part moves inward (`Cross`) settle among its steps.
 
     Attributes:
         body: the body.
@@ -58,23 +60,29 @@ class Edge(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def plan_of(topology: Topology, leaves: bool = True) -> EliminationPlan:
+def plan_of(topology: Topology, leaves: bool = True, cut: bool = True) -> EliminationPlan:
     """Return the plan of a forest. The search for the order is cubic in the number of a part's branches.
 
     Args:
         topology: its graph.
         leaves: whether a chain of joints that only one closure needs is one step; otherwise every joint is a step.
+        cut: whether loops that share one body settle there one after the other; otherwise everything that is connected
+            is one part, in which chains of joints that end at one closure are always leaves.
     """
-    found, roots = parts_of_graph(topology)
+    found, roots = parts_of_graph(topology, cut)
     rooted: dict[int, list[int]] = {}
     for i, part in enumerate(found):
         rooted.setdefault(part.root, []).append(i)
 
+    steps = tuple(ordered(topology, part, leaves) for part in found)
+
     def settled(vertex: int) -> Iterator[Settle | Condense]:
         for i in rooted.get(vertex, []):
+            crossed = {step.body for step in steps[i] if isinstance(step, Cross)}
             for k in found[i].members:
                 yield from settled(k)
-                yield Settle(k, i)
+                if k not in crossed:
+                    yield Settle(k, i)
             yield Condense(i)
 
     inward: list[Settle | Condense] = []
@@ -82,7 +90,7 @@ def plan_of(topology: Topology, leaves: bool = True) -> EliminationPlan:
         inward += settled(root)
         if root != GROUND:
             inward.append(Settle(root, None))
-    return EliminationPlan(tuple(found), tuple(ordered(topology, part, leaves) for part in found), tuple(inward))
+    return EliminationPlan(tuple(found), steps, tuple(inward))
 
 
 def depths(topology: Topology) -> list[int]:
@@ -93,8 +101,13 @@ def depths(topology: Topology) -> list[int]:
     return found
 
 
-def parts_of_graph(topology: Topology) -> tuple[list[ForestPart], list[int]]:
-    """Return the parts, and the vertices on which the separate graphs hang: the world first, then free bodies."""
+def parts_of_graph(topology: Topology, cut: bool = True) -> tuple[list[ForestPart], list[int]]:
+    """Return the parts, and the vertices on which the separate graphs hang: the world first, then free bodies.
+
+    Args:
+        topology: the graph.
+        cut: see `plan_of`.
+    """
     edges = edges_of(topology)
     depth, roots, parts = depths(topology), [], []
     seen: set[int] = set()
@@ -102,7 +115,9 @@ def parts_of_graph(topology: Topology) -> tuple[list[ForestPart], list[int]]:
         if start in seen:
             continue
         roots.append(start)
-        for root, inside in _merged(components(start, edges, seen)):
+        inside = components(start, edges, seen)
+        whole = [(start, [edge for _, of in inside for edge in of])] if inside else []
+        for root, inside in _merged(inside) if cut else whole:
             members = {vertex for edge in inside for vertex in edge.ends} - {root, GROUND}
             deepest_first = tuple(sorted(members, key=lambda k: (-depth[k], k)))
             of = {kind: tuple(sorted({e.number for e in inside if e.kind == kind})) for kind in ("closure", "coupling")}

@@ -14,6 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.closed.factored_mobility import FactoredMobility
+from holdfast.dynamics.tree.belief import Untouched
 from holdfast.dynamics.tree.forest_motion import BodyMotion
 from holdfast.spatial.linalg import MaskedLDL, back_substitution, ldl, ldl_solve
 from holdfast.spatial.scalar import Array
@@ -31,25 +33,37 @@ class SettledBody(NamedTuple):
         factors: D = L diag(d) L^T, (m, m); of a free body, of its articulated inertia.
         columns: (6, m) H L^-T, the columns of H D^-1 H^T = sum 1/d h h^T.
         G: (6, m).
-        eps: (m,); 0 for a free body.
-        nu: (m,).
         inertia: I(k), of everything that hangs on it.
-        load: (6,) z(k).
+        alone: whether nothing hangs on it.
     """
 
     motion: BodyMotion
     factors: MaskedLDL
     columns: Array
     G: Array
-    eps: Array
-    nu: Array
     inertia: Symmetric6
-    load: Array
+    alone: bool
 
     @property
     def mobility(self) -> Array:
         """(6, 6) H D^-1 H^T, what the joint adds to the mobility of its body."""
         return (self.columns * self.factors.inverse_pivots) @ self.columns.T
+
+    @property
+    def untouched(self) -> Untouched:
+        """The mobility of a free body; that of a lone one in two blocks, each with its own digits."""
+        free = self.motion.free
+        if free is not None and self.alone:
+            return Untouched(free.mobility.dense(), FactoredMobility(free.D, free.w))
+        D = self.factors.inverse_pivots.tolist()
+        return Untouched(self.mobility, FactoredMobility(D, list(self.columns.T)))
+
+    def nu(self, load: Array, torque: Array) -> Array:
+        """Return D^-1 eps, (m,), for a load z (6,) and torques (m,); of a free body -D^-1 z."""
+        if self.motion.floats:
+            free = self.motion.free
+            return -ldl_solve(self.factors, load) if free is None or not self.alone else -free.mobility.apply(load)
+        return ldl_solve(self.factors, torque - self.motion.H.T @ load)
 
     def carried(self, x: Array) -> Array:
         """Return psi^T x, what remains on the body of accelerations (6, columns) of its parent."""
@@ -62,7 +76,7 @@ class SettledBody(NamedTuple):
 
     def per_innovation(self) -> Array:
         """Return L^-T, (m, m), the accelerations of the joint per independent innovation."""
-        return back_substitution(self.factors.L, np.eye(len(self.nu)))
+        return back_substitution(self.factors.L, np.eye(len(self.factors.L)))
 
     def through(self, t: Array, more: Array | float = 0.0) -> tuple[Array, Array]:
         """Return D^-1 (H^T t + more), and the wrench that reaches the parent's point.
@@ -74,31 +88,28 @@ class SettledBody(NamedTuple):
         on_joint = self.motion.H.T @ t + more
         return ldl_solve(self.factors, on_joint), shift_wrench(self.motion.reach, t - self.G @ on_joint)
 
-    def onto_parent(self) -> tuple[Symmetric6, Array]:
-        """Return the inertia and the load (6,) at the parent's point."""
+    def inertia_on_parent(self) -> Symmetric6:
+        """Return the inertia at the parent's point."""
         I = self.inertia.dense()
-        IH = I @ self.motion.H
-        inertia = symmetric6(I - self.G @ IH.T).inertia_shifted(self.motion.reach)
-        return inertia, shift_wrench(self.motion.reach, self.load + self.G @ self.eps)
+        return symmetric6(I - self.G @ (I @ self.motion.H).T).inertia_shifted(self.motion.reach)
+
+    def load_on_parent(self, load: Array, torque: Array) -> Array:
+        """Return the load (6,) at the parent's point; arguments as in `nu`."""
+        return shift_wrench(self.motion.reach, load + self.G @ (torque - self.motion.H.T @ load))
 
 
-def settled_body(motion: BodyMotion, inertia: Symmetric6, load: Array) -> SettledBody:
+def settled_body(motion: BodyMotion, inertia: Symmetric6, *, alone: bool) -> SettledBody:
     """Return the response of a body's joint.
 
     Args:
         motion: the body.
         inertia: I(k), with everything that hangs on it.
-        load: (6,) z(k).
+        alone: whether nothing hangs on it.
     """
     H, I = motion.H, inertia.dense()
     IH = I @ H
     D = I if motion.floats else H.T @ IH + np.diag(motion.armature)
     factors = ldl(D, np.diag(D), LEAST_PIVOT)
     columns = H @ back_substitution(factors.L, np.eye(len(D)))
-    if motion.floats:
-        none = np.zeros(6)
-        return SettledBody(motion, factors, columns, np.eye(6), none, -ldl_solve(factors, load), inertia, load)
-    eps = motion.torque - H.T @ load
-    return SettledBody(
-        motion, factors, columns, ldl_solve(factors, IH.T).T, eps, ldl_solve(factors, eps), inertia, load
-    )
+    G = np.eye(6) if motion.floats else ldl_solve(factors, IH.T).T
+    return SettledBody(motion, factors, columns, G, inertia, alone)

@@ -1,29 +1,31 @@
-"""The steps of the elimination of a part, each in a forward function and one for the way back.
+"""The steps of the elimination of a part: what each does to the state, to a right-hand side, and on the way back.
 
-Forward, a step changes the `Belief`. Back, s holds by frame the wrench on it of everything that was included after the
-step; the reverse of a step takes s to what it was before (docs/theory/tree.md):
+`factor` changes the `Belief`, `forward` carries a right-hand side x through the same step, and `back` takes it in
+reverse: s holds by frame the wrench on it of everything that was included after the step (docs/theory/tree.md):
 
-    AddFree       z gains (x_b, X = 0, P_b), independent                s_b leaves
-    OpenFrame     z gains a copy of a frame, X = 1 at the root          s_of += s_f
-    MoveFrame     f <- psi^T f + H nu,  P += H D^-1 H^T                 s_f <- phi (s_f - G t), t = H^T s_f
-    Measure       `with_measurement`                                    lambda = nu [1 | beta] - gain s, s += c^T lambda
-    CloseFrame    x += P_f w,  n -= X_f^T w;  z forgets f               s_f = w,  beta_f = x + X beta + P s
+    AddFree        z gains (x_b, X = 0, P_b), independent                s_b leaves
+    OpenFrame      z gains a copy of a frame, X = 1 at the root          s_of += s_f
+    MoveFrame      f <- psi^T f + H nu,  P += H D^-1 H^T                 s_f <- phi (s_f - G t), t = H^T s_f
+    Measure        `with_measurement`                                    lambda = nu [1 | beta] - gain s, s += c^T lambda
+    CloseFrame     x += P_f w,  n -= X_f^T w;  z forgets f               s_f = w,  beta_f = x + X beta + P s
 
-with the external wrench w of a free body. A leaf measures at the end of a chain that is never part of z; its mobility
-is the noise of the rows, which are made independent first.
+with the external wrench w of a free body. Chains of joints that end at one closure are in `leaves`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.tree.belief import Belief, MeasuredRow, Rows, first_by, with_measurement
-from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.dynamics.closed.factored_mobility import FactoredMobility
+from holdfast.dynamics.closed.measurement import size_at_centre
+from holdfast.dynamics.closed.object_filter import LEAST_MOBILE
+from holdfast.dynamics.tree.belief import Belief, MeasuredRows, sizes_of_rows, with_measurement
+from holdfast.dynamics.tree.forest_motion import BodyMotion, ClosureMotion, ForestMotion, Limb
 from holdfast.dynamics.tree.order import (
     ROOT,
     AddFree,
@@ -31,15 +33,90 @@ from holdfast.dynamics.tree.order import (
     Couple,
     ForestPart,
     Measure,
-    MeasureLeaf,
     MoveFrame,
     OpenFrame,
 )
 from holdfast.dynamics.tree.settled import SettledBody
-from holdfast.spatial.scalar import Array, array, concatenate, maximum, minimum, where
-from holdfast.spatial.vector import outer
+from holdfast.spatial.linalg import RANK_TOLERANCE
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, scan
 
-NEGLIGIBLE_NOISE = 1e-26  # the square of a row of factors that is only rounding, relative to its size
+
+class RightHandSide(NamedTuple):
+    """Loads and right-hand sides of the rows of a forest, on which its factors do not depend.
+
+    Attributes:
+        bodies: per body, its loads, torques and external wrenches.
+        falling: by free body, its acceleration without an external wrench, if nothing hangs on it.
+        closures: the closures, of which only the right-hand sides matter.
+        coupled: per coupling, the right-hand side of its row.
+        limbs, lone: limbs, by closure, and without one.
+    """
+
+    bodies: list[BodyMotion]
+    falling: Mapping[int, Array]
+    closures: list[ClosureMotion]
+    coupled: list[Scalar]
+    limbs: Mapping[int, Limb]
+    lone: Sequence[Limb]
+
+
+@dataclass
+class Inward:
+    """A right-hand side on its way inward.
+
+    Attributes:
+        rhs: the right-hand side.
+        load: by body, (6,) z of everything that has settled on it.
+        nu: by body, (m,) D^-1 eps; of a free body -D^-1 z.
+        x: (n,) accelerations of the open frames of the present part.
+        on_root: (c,) load on its root.
+        kept: per part, for every step what its way back needs.
+    """
+
+    rhs: RightHandSide
+    load: dict[int, Array] = field(default_factory=dict)
+    nu: dict[int, Array] = field(default_factory=dict)
+    x: Array = field(default_factory=lambda: np.zeros(0))
+    on_root: Array = field(default_factory=lambda: np.zeros(0))
+    kept: dict[int, list[Any]] = field(default_factory=dict)
+
+    def begin(self, part: int, width: int) -> None:
+        """Begin the steps of a part whose root has an acceleration of `width` components."""
+        self.x, self.on_root, self.kept[part] = np.zeros(0), np.zeros(width), []
+
+
+@dataclass
+class Back:
+    """The way back through the steps of a part.
+
+    Attributes:
+        rhs: the right-hand side.
+        beta_root: (c,) acceleration of the part's root.
+        s: by frame, the wrench on it.
+        extra: by body, the joint accelerations that forces within the part add.
+        beta: by free body, its acceleration.
+        wrenches: by closure, f about its contact point.
+        multipliers: by coupling, lambda.
+    """
+
+    rhs: RightHandSide
+    beta_root: Array
+    s: dict[int, Array] = field(default_factory=dict)
+    extra: dict[int, Array] = field(default_factory=dict)
+    beta: dict[int, Array] = field(default_factory=dict)
+    wrenches: dict[int, Array] = field(default_factory=dict)
+    multipliers: dict[int, Array] = field(default_factory=dict)
+
+    def stacked(self, frames: Mapping[int, int]) -> Array:
+        """Return s as one vector (n,)."""
+        return concatenate([np.zeros(0), *(self.s[name] for name in frames)])
+
+    def unstack(self, frames: Mapping[int, int], s: Array) -> None:
+        """Put s from one vector (n,)."""
+        start = 0
+        for name, size in frames.items():
+            self.s[name] = s[start : start + size]
+            start += size
 
 
 class PartMotion(NamedTuple):
@@ -50,250 +127,234 @@ class PartMotion(NamedTuple):
         settled: its settled bodies, by index.
         part: the part.
         width: number c of components of the root's acceleration, 0 if the root is the world.
+        tolerance: relative size of a pivot that counts as zero.
+        leaves: its leaves, by closure.
     """
 
     motion: ForestMotion
     settled: Mapping[int, SettledBody]
     part: ForestPart
     width: int
+    tolerance: float = RANK_TOLERANCE
+    leaves: Mapping[int, Any] = MappingProxyType({})
 
     def known(self, root: bool) -> Array:
-        """Return [0 | X] of the root, or of the world, (6, 1 + c)."""
-        return np.column_stack([np.zeros(6), np.eye(6)]) if root else np.zeros((6, 1 + self.width))
+        """Return X of the root, or of the world, (6, c)."""
+        return np.eye(6) if root else np.zeros((6, self.width))
 
 
-@dataclass
-class Back:
-    """The way back through the steps of a part.
-
-    Attributes:
-        one: (1 + c,) [1 | beta of the root].
-        s: by frame, the wrench on it.
-        extra: by body, the joint accelerations that forces within the part add.
-        beta: by free body, its acceleration.
-        wrenches: by closure, f about its contact point.
-        multipliers: by coupling, lambda.
-    """
-
-    one: Array
-    s: dict[int, Array] = field(default_factory=dict)
-    extra: dict[int, Array] = field(default_factory=dict)
-    beta: dict[int, Array] = field(default_factory=dict)
-    wrenches: dict[int, Array] = field(default_factory=dict)
-    multipliers: dict[int, Array] = field(default_factory=dict)
-
-    def through_rows(self, frames: Mapping[int, int], rows: Sequence[MeasuredRow]) -> Array:
-        """Return the wrench, or multiplier, of measured rows, (k,), after adding it to s."""
-        s, total = self.stacked(frames), np.zeros(len(rows[0].k))
-        for row in reversed(rows):
-            force = row.nu @ self.one - row.gain @ s
-            s, total = s + force * row.c, total + force * row.k
-        self.unstack(frames, s)
-        return total
-
-    def stacked(self, frames: Mapping[int, int]) -> Array:
-        """Return s as one vector (n,)."""
-        return concatenate([self.s[name] for name in frames])
-
-    def unstack(self, frames: Mapping[int, int], s: Array) -> None:
-        """Put s from one vector (n,)."""
-        start = 0
-        for name, size in frames.items():
-            self.s[name] = s[start : start + size]
-            start += size
-
-
-def add_free(now: Belief, step: AddFree, of: PartMotion) -> tuple[Belief, Any]:
-    """Add a free body. A light one sets no scale: its mobility counts as at most that of a joint of the part."""
+def add_free(now: Belief, step: AddFree, of: PartMotion) -> tuple[Belief, SettledBody]:
+    """Add a free body. A light one sets no scale: its mobility counts as at most that of what may hold it."""
     body = of.settled[step.body]
-    own, joints = body.mobility, [of.settled[k] for k in of.part.members if not of.settled[k].motion.floats]
-    most = reduce(maximum, [np.trace(joint.mobility) for joint in joints], 0.0)
-    cap = where(most > 0.0, minimum(1.0, most / np.trace(own)), 1.0)
-    x = np.column_stack([body.nu, np.zeros((6, of.width))])
-    now = now.with_frame(step.frame, x, np.zeros((6, len(now.P.D))), cap * own)
-    return now.plus(body.factors.inverse_pivots, {step.frame: body.columns}), None
+    untouched = body.untouched
+    own = size_of(untouched.dense)
+    joints = [of.settled[k] for k in of.part.members if k in of.settled and not of.settled[k].motion.floats]
+    seen = [leaf.seen for leaf in of.leaves.values() if leaf.seen.most and leaf.seen.angular]
+    sizes = [*(size_at_centre(m.extent) for m in seen), *(size_of(joint.mobility) for joint in joints)]
+    # the angular mobility of sliding joints is zero
+    most, _ = scan(lambda most, size: (maximum(most, size), None), LEAST_MOBILE * own, sizes)
+    size = minimum(own, most) if sizes else own
+    prior = np.diag(sizes_of_rows(size) / 3.0)
+    X, sizes = np.zeros((6, of.width)), {**now.size, step.frame: size}
+    if not now.frames:
+        return now._replace(frames={step.frame: 6}, X=X, P=untouched, prior={step.frame: prior}, size=sizes), body
+    now = now.with_frame(step.frame, X, np.zeros((6, len(now.factors.D))), prior)._replace(size=sizes)
+    return now.plus(array(untouched.factors.D), {step.frame: array(untouched.factors.w).T}), body
 
 
-def back_add_free(back: Back, step: AddFree, kept: Any, of: PartMotion) -> None:
+def forward_add_free(side: Inward, step: AddFree, body: SettledBody) -> None:
+    """Add the acceleration of a free body without forces."""
+    side.x = concatenate([side.x, side.nu[step.body]])
+
+
+def back_add_free(back: Back, step: AddFree, body: SettledBody, kept: Any) -> None:
     """Leave out a free body."""
     del back.s[step.frame]
 
 
-def open_frame(now: Belief, step: OpenFrame, of: PartMotion) -> tuple[Belief, Any]:
+class Copied(NamedTuple):
+    """Where a frame has been copied from: the rows of another one; None for the root and the world."""
+
+    at: slice | None
+
+
+def open_frame(now: Belief, step: OpenFrame, of: PartMotion) -> tuple[Belief, Copied]:
     """Open a frame as a copy."""
     if step.of is not None and step.of != ROOT:
-        x, w = now.x[now.slice_of(step.of)], now.factors_at(step.of)
-        return now.with_frame(step.frame, x, w, now.prior[step.of]), None
-    x = of.known(step.of == ROOT)
-    return now.with_frame(step.frame, x, np.zeros((6, len(now.P.D))), np.zeros((6, 6))), None
+        at = now.slice_of(step.of)
+        return now.with_frame(step.frame, now.X[at], now.factors_at(step.of), now.prior[step.of]), Copied(at)
+    X = of.known(step.of == ROOT)
+    return now.with_frame(step.frame, X, np.zeros((6, len(now.factors.D))), np.zeros((6, 6))), Copied(None)
 
 
-def back_open_frame(back: Back, step: OpenFrame, kept: Any, of: PartMotion) -> None:
+def forward_open_frame(side: Inward, step: OpenFrame, of: Copied) -> None:
+    """Copy the acceleration of a frame."""
+    side.x = concatenate([side.x, np.zeros(6) if of.at is None else side.x[of.at]])
+
+
+def back_open_frame(back: Back, step: OpenFrame, of: Copied, kept: Any) -> None:
     """Return a copy's wrench to the frame that was copied."""
     s = back.s.pop(step.frame)
     if step.of is not None and step.of != ROOT:
         back.s[step.of] = back.s[step.of] + s
 
 
-def move_frame(now: Belief, step: MoveFrame, of: PartMotion) -> tuple[Belief, Any]:
+class Moved(NamedTuple):
+    """The joint over which a frame has moved, and the frame's rows."""
+
+    body: SettledBody
+    at: slice
+
+
+def move_frame(now: Belief, step: MoveFrame, of: PartMotion) -> tuple[Belief, Moved]:
     """Move a frame outward over a joint, whose accelerations may be noted as numbers of their own."""
-    body = of.settled[step.body]
-    x, w, prior = now.x[now.slice_of(step.frame)], now.factors_at(step.frame), now.prior[step.frame]
+    body, at = of.settled[step.body], now.slice_of(step.frame)
+    X, w, prior = now.X[at], now.factors_at(step.frame), now.prior[step.frame]
     columns = {step.frame: body.columns}
-    moved = _with_constant(body.carried(x), body.motion.H @ body.nu)
     if step.note is not None:  # q = nu - G^T phi^T f
-        felt = [_of_joint(body, part) for part in (x, w, prior)]
+        felt = [_of_joint(body, part) for part in (X, w, prior)]
         noise = body.per_innovation()
         columns[step.note] = noise
         own = _of_joint(body, felt[2].T) + (noise * body.factors.inverse_pivots) @ noise.T
-        now = now.with_frame(step.note, _with_constant(felt[0], body.nu), felt[1], own)
-    now = now.with_rows(step.frame, moved, body.carried(w), body.carried(body.carried(prior).T) + body.mobility)
-    return now.plus(body.factors.inverse_pivots, columns), None
+        now = now.with_frame(step.note, felt[0], felt[1], own)
+    moved = body.carried(body.carried(prior).T) + body.mobility
+    now = now.with_rows(step.frame, body.carried(X), body.carried(w), moved)
+    return now.plus(body.factors.inverse_pivots, columns), Moved(body, at)
 
 
-def back_move_frame(back: Back, step: MoveFrame, kept: Any, of: PartMotion) -> None:
+def forward_move_frame(side: Inward, step: MoveFrame, of: Moved) -> None:
+    """Move the acceleration of a frame outward."""
+    body, x, nu = of.body, side.x[of.at][:, None], side.nu[step.body]
+    moved = body.carried(x)[:, 0] + body.motion.H @ nu
+    noted = np.zeros(0) if step.note is None else nu + _of_joint(body, x)[:, 0]
+    side.x = concatenate([side.x[: of.at.start], moved, side.x[of.at.stop :], noted])
+
+
+def back_move_frame(back: Back, step: MoveFrame, of: Moved, kept: Any) -> None:
     """Move the wrench on a frame inward over a joint."""
     noted = 0.0 if step.note is None else back.s.pop(step.note)
-    back.extra[step.body], back.s[step.frame] = of.settled[step.body].through(back.s[step.frame], noted)
+    back.extra[step.body], back.s[step.frame] = of.body.through(back.s[step.frame], noted)
 
 
-def measure(now: Belief, step: Measure, of: PartMotion) -> tuple[Belief, Any]:
+class Imposed(NamedTuple):
+    """The rows of a closure or a coupling that have been imposed, and the frames that were open."""
+
+    frames: Mapping[int, int]
+    rows: MeasuredRows
+
+
+def measure(now: Belief, step: Measure, of: PartMotion) -> tuple[Belief, Imposed]:
     """Impose a closure between open frames, the root and the world."""
     c = of.motion.closures[step.closure]
-    on, on_root = _placed([(step.a, c.on_a), (step.b, c.on_b)], of)
-    none = np.zeros(len(c.K))
-    then, rows = with_measurement(now, Rows(on, np.column_stack([c.r, -on_root]), c.K, none, none))
-    return then, (now.frames, rows)
+    on, on_root = placed([(step.a, c.on_a), (step.b, c.on_b)], of.width)
+    then, rows = with_measurement(now, on, on_root, c.K, of.tolerance)
+    return then, Imposed(now.frames, rows)
 
 
-def back_measure(back: Back, step: Measure, kept: Any, of: PartMotion) -> None:
+def forward_measure(side: Inward, step: Measure, of: Imposed) -> list[Scalar]:
+    """Impose a closure's right-hand side."""
+    side.x, side.on_root, nus = of.rows.forward(side.x, side.on_root, side.rhs.closures[step.closure].r)
+    return nus
+
+
+def back_measure(back: Back, step: Measure, of: Imposed, nus: list[Scalar]) -> None:
     """Find the wrench of a closure."""
-    back.wrenches[step.closure] = back.through_rows(*kept)
+    s, back.wrenches[step.closure] = of.rows.back(back.stacked(of.frames), nus, back.beta_root)
+    back.unstack(of.frames, s)
 
 
-def couple(now: Belief, step: Couple, of: PartMotion) -> tuple[Belief, Any]:
+def couple(now: Belief, step: Couple, of: PartMotion) -> tuple[Belief, Imposed]:
     """Impose a coupling between noted accelerations."""
     frames, on = dict(step.noted), {}
     for body, component, coefficient in of.motion.forest.couplings[step.coupling].terms:
         frame = frames[body]
         row = coefficient * np.eye(now.frames[frame])[component][None]
         on[frame] = on.get(frame, 0.0) + row
-    none = np.zeros(1)
-    e = concatenate([[of.motion.coupled[step.coupling]], np.zeros(of.width)])[None]
-    then, rows = with_measurement(now, Rows(on, e, np.ones((1, 1)), none, none))
-    return then, (now.frames, rows)
+    then, rows = with_measurement(now, on, np.zeros((1, of.width)), np.ones((1, 1)), of.tolerance)
+    return then, Imposed(now.frames, rows)
 
 
-def back_couple(back: Back, step: Couple, kept: Any, of: PartMotion) -> None:
+def forward_couple(side: Inward, step: Couple, of: Imposed) -> list[Scalar]:
+    """Impose a coupling's right-hand side."""
+    side.x, side.on_root, nus = of.rows.forward(side.x, side.on_root, array([side.rhs.coupled[step.coupling]]))
+    return nus
+
+
+def back_couple(back: Back, step: Couple, of: Imposed, nus: list[Scalar]) -> None:
     """Find the multiplier of a coupling."""
-    back.multipliers[step.coupling] = back.through_rows(*kept)[0]
+    s, multiplier = of.rows.back(back.stacked(of.frames), nus, back.beta_root)
+    back.multipliers[step.coupling] = multiplier[0]
+    back.unstack(of.frames, s)
 
 
-def measure_leaf(now: Belief, step: MeasureLeaf, of: PartMotion) -> tuple[Belief, Any]:
-    """Impose a closure at the end of a chain, whose mobility sum D w w^T is the noise of the rows."""
-    c = of.motion.closures[step.closure]
-    own, others = (c.on_b, c.on_a) if step.is_b else (c.on_a, c.on_b)
-    X, mean, w, D = np.eye(6), np.zeros((6, 1)), np.zeros((6, 0)), []
-    for k in step.joints:
-        body = of.settled[k]
-        X, mean = body.carried(X), body.carried(mean) + (body.motion.H @ body.nu)[:, None]
-        w = np.hstack([body.carried(w), body.columns])
-        D += body.factors.inverse_pivots.tolist()
-    weights = array(D)
-    on, on_root = _placed([(step.of, own @ X), (step.other, others)], of)
-    variances = (w * w) @ weights
-    own_size = np.zeros(len(own))
-    for part in (slice(0, 3), slice(3, 6)):
-        own_size = own_size + (own[:, part] * own[:, part]).sum(axis=1) * variances[part].sum()
-    rows = Rows(on, np.column_stack([c.r - own @ mean[:, 0], -on_root]), c.K, np.zeros(len(own)), own_size)
-    then, found = with_measurement(now, independent(rows, own @ w, weights))
-    return then, (now.frames, found)
+class Closed(NamedTuple):
+    """A frame that has been left out.
+
+    Attributes:
+        frames: the frames that were open.
+        at: its rows.
+        X: (size, c) its response to the root.
+        P: mobility of the open frames; without factors if it has not stayed at a free body.
+    """
+
+    frames: Mapping[int, int]
+    at: slice
+    X: Array
+    P: FactoredMobility
 
 
-def back_measure_leaf(back: Back, step: MeasureLeaf, kept: Any, of: PartMotion) -> None:
-    """Find the wrench of a closure, and let it pass inward through the chain."""
-    f = back.wrenches[step.closure] = back.through_rows(*kept)
-    t = _on_end(of.motion, step, f)
-    for k in reversed(step.joints):
-        back.extra[k], t = of.settled[k].through(t)
+def close_frame(now: Belief, step: CloseFrame, of: PartMotion) -> tuple[Belief, Closed]:
+    """Leave out a frame; on a free body, its external wrench acts before."""
+    at, P = now.slice_of(step.frame), FactoredMobility([], []) if step.body is None else now.factors
+    return now.without(step.frame), Closed(now.frames, at, now.X[at], P)
 
 
-def close_frame(now: Belief, step: CloseFrame, of: PartMotion) -> tuple[Belief, Any]:
-    """Leave out a frame, after the external wrench of a free body has acted."""
-    if step.body is None:
-        return now.without(step.frame), now.frames
-    w, x, P = of.motion.bodies[step.body].wrench, now.x[now.slice_of(step.frame)], now.mobility_of(step.frame)
-    pushed = now._replace(
-        x=_with_constant(now.x, w @ P), on_root=now.on_root - _with_constant(0.0 * now.on_root, x[:, 1:].T @ w)
-    )
-    return pushed.without(step.frame), (now.frames, x, P, w)
+def forward_close_frame(side: Inward, step: CloseFrame, of: Closed) -> Array:
+    """Let the external wrench of a free body act, and leave out its frame; return its acceleration before."""
+    x, own = side.x, side.x[of.at]
+    if step.body is not None:
+        w = side.rhs.bodies[step.body].wrench
+        side.on_root = side.on_root - of.X.T @ w
+        for D, column in zip(of.P.D, of.P.w, strict=True):
+            x = x + (D * (column[of.at] @ w)) * column
+    side.x = concatenate([x[: of.at.start], x[of.at.stop :]])
+    return own
 
 
-def back_close_frame(back: Back, step: CloseFrame, kept: Any, of: PartMotion) -> None:
+def back_close_frame(back: Back, step: CloseFrame, of: Closed, own: Array) -> None:
     """Bring back a frame, with the wrench of a free body on it, whose acceleration is now known."""
     if step.body is None:
-        back.s[step.frame] = np.zeros(kept[step.frame])
+        back.s[step.frame] = np.zeros(len(own))
         return
-    frames, x, P, w = kept
-    back.s[step.frame] = w
-    back.beta[step.body] = x @ back.one + P @ back.stacked(frames)
+    back.s[step.frame] = back.rhs.bodies[step.body].wrench
+    s, acceleration = back.stacked(of.frames), own + of.X @ back.beta_root
+    for D, column in zip(of.P.D, of.P.w, strict=True):
+        acceleration = acceleration + (D * (column @ s)) * column[of.at]
+    back.beta[step.body] = acceleration
 
 
-STEPS: dict[type, tuple[Callable[..., tuple[Belief, Any]], Callable[..., None]]] = {
-    AddFree: (add_free, back_add_free),
-    OpenFrame: (open_frame, back_open_frame),
-    MoveFrame: (move_frame, back_move_frame),
-    Measure: (measure, back_measure),
-    MeasureLeaf: (measure_leaf, back_measure_leaf),
-    Couple: (couple, back_couple),
-    CloseFrame: (close_frame, back_close_frame),
+class StepKind(NamedTuple):
+    """What a kind of step does: to the state, to a right-hand side, and on the way back."""
+
+    factor: Callable[..., tuple[Belief, Any]]
+    forward: Callable[..., Any]
+    back: Callable[..., None]
+
+
+STEPS: dict[type, StepKind] = {
+    AddFree: StepKind(add_free, forward_add_free, back_add_free),
+    OpenFrame: StepKind(open_frame, forward_open_frame, back_open_frame),
+    MoveFrame: StepKind(move_frame, forward_move_frame, back_move_frame),
+    Measure: StepKind(measure, forward_measure, back_measure),
+    Couple: StepKind(couple, forward_couple, back_couple),
+    CloseFrame: StepKind(close_frame, forward_close_frame, back_close_frame),
 }
 
 
-def independent(rows: Rows, Z: Array, D: Array) -> Rows:
-    """Return rows with independent noise: Z D Z^T = L diag(d) L^T by weighted Gram-Schmidt, and all parts times L^-1.
-
-    The row with the largest remaining noise, relative to its size, comes first, so that the entries of L are small.
-    Rows beyond the number of factors have no noise: what remains of it is rounding.
-
-    Args:
-        rows: the rows, without noise.
-        Z: (rows, factors) the factors of their noise.
-        D: (factors,) their weights.
-    """
-    count, factors, names = len(Z), Z.shape[1], list(rows.on)
-    table = np.column_stack([Z, *rows.on.values(), rows.e, rows.K, rows.own_size])
-    width = table.shape[1] - 1
-    done, noise = [], []
-    for j in range(count):
-        variance = (table[:, :factors] * table[:, :factors]) @ D
-        row, table = first_by(variance, table)
-        of = (row[:factors] * row[:factors]) @ D
-        alive = of > NEGLIGIBLE_NOISE * row[-1] if j < factors else np.False_
-        inverse = where(alive, 1.0 / where(alive, of, 1.0), 0.0)
-        noise.append(where(alive, of, 0.0))
-        L = inverse * (table[:, :factors] @ (D * row[:factors]))
-        table = np.column_stack([table[:, :width] - outer(L, row[:width]), table[:, -1]])
-        done.append(row)
-    whole, start, on = array(done), factors, {}
-    for name in names:
-        on[name] = whole[:, start : start + rows.on[name].shape[1]]
-        start += rows.on[name].shape[1]
-    middle = start + rows.e.shape[1]
-    return Rows(on, whole[:, start:middle], whole[:, middle:-1], array(noise), whole[:, -1])
-
-
-def _on_end(motion: ForestMotion, step: MeasureLeaf, f: Array) -> Array:
-    """Return the wrench of a closure on the body at the end of a leaf, about its point, (6,)."""
-    c = motion.closures[step.closure]
-    own = c.on_b if step.is_b else c.on_a
-    return own.T @ (c.K @ f)
-
-
-def _placed(ends: Sequence[tuple[int | None, Array]], of: PartMotion) -> tuple[dict[int, Array], Array]:
+def placed(ends: Sequence[tuple[int | None, Array]], width: int) -> tuple[dict[int, Array], Array]:
     """Return rows by open frame, and those on the root's acceleration (rows, c)."""
     on: dict[int, Array] = {}
-    on_root = np.zeros((len(ends[0][1]), of.width))
+    on_root = np.zeros((len(ends[0][1]), width))
     for frame, rows in ends:
         if frame == ROOT:
             on_root = on_root + rows
@@ -302,11 +363,12 @@ def _placed(ends: Sequence[tuple[int | None, Array]], of: PartMotion) -> tuple[d
     return on, on_root
 
 
+def size_of(mobility: Array) -> Array:
+    """Return the sizes of a mobility (6, 6), (3,): angular, and twice linear; see `size_at_centre`."""
+    turning, moving = np.trace(mobility[:3, :3]), np.trace(mobility[3:, 3:])
+    return array([turning, moving, moving])
+
+
 def _of_joint(body: SettledBody, x: Array) -> Array:
     """Return -G^T phi^T x, (m, columns), the accelerations of a joint due to those of the parent."""
     return -(body.G.T @ body.moved(x))
-
-
-def _with_constant(x: Array, more: Array) -> Array:
-    """Return [x | X] with x + more."""
-    return np.column_stack([x[:, 0] + more, x[:, 1:]])

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
-from holdfast.dynamics.closed.filter_updates import rigid_update, row_updates, terminal_update
-from holdfast.dynamics.closed.measurement import Measurement, Update, of_beta, size_at_centre
+from holdfast.dynamics.closed.filter_updates import ParallelSum, RowSums, parallel_sum, row_sums, terminal_sum
+from holdfast.dynamics.closed.measurement import Measurement, size_at_centre
 from holdfast.dynamics.closed.object_filter import sizes_of_rows
 from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
 from holdfast.dynamics.trunk.trunk_motion import TrunkBody
@@ -32,19 +32,36 @@ from holdfast.spatial.symmetric import mirrored, symmetric6
 from holdfast.spatial.vector import outer
 
 
+class ArmUpdate(NamedTuple):
+    """The update by an arm with a grasp.
+
+    Attributes:
+        factors: its factors.
+        nu: what the way back needs.
+        load: (c,) load that its grasp adds to the equations of the trunk's columns.
+        inertia: (c, c) inertia that it adds.
+        independent: as in `Included`.
+    """
+
+    factors: ParallelSum | RowSums
+    nu: Any
+    load: Array
+    inertia: Array
+    independent: Array | None
+
+
 class FinalUpdate(NamedTuple):
     """The update by the last arm with a grasp, after which only back-substitution follows.
 
     Attributes:
-        solution: function of beta (c,) for the trunk's columns, or None, that returns alpha(G) (6,), which includes the
-            effect of the external wrench on the object, and the wrench (6,) of the arm on the object, about G.
-        on_trunk: for a mounted arm, (c, 1 + c) [load | inertia] that it adds to the equations of the trunk's columns,
-            including the load of the external wrench through all arms.
-        independent: as in `Update`.
+        solution: function of beta (c,) for the trunk's columns that returns alpha(G) (6,), which includes the effect of
+            the external wrench on the object, and the wrench (6,) of the arm on the object, about G.
+        load, inertia, independent: as in `ArmUpdate`, including the load of the external wrench through all arms.
     """
 
-    solution: Callable[[Array | None], tuple[Array, Array]]
-    on_trunk: Array | None
+    solution: Callable[[Array], tuple[Array, Array]]
+    load: Array
+    inertia: Array
     independent: Array | None
 
 
@@ -52,7 +69,8 @@ class FilterState(NamedTuple):
     """The state of the filter after all arms on the bodies further out have been included.
 
     Attributes:
-        x: (6, 1 + c) [x | X] with alpha(G) = x + X beta; (6,) x after the trunk.
+        x: (6,) x with alpha(G) = x + X beta.
+        X: (6, c); (6, 0) after the trunk.
         P: the remaining mobility, (6, 6) or in factors.
         size: (3,) size of P, for judging pivots.
         kept: number of independent rows of the constraint.
@@ -60,6 +78,7 @@ class FilterState(NamedTuple):
     """
 
     x: Array
+    X: Array
     P: Array | FactoredMobility
     size: Array
     kept: Scalar
@@ -73,30 +92,34 @@ class FilterState(NamedTuple):
         """Return P in factors."""
         return self.P if isinstance(self.P, FactoredMobility) else factored(self.P, sizes_of_rows(self.size))
 
-    def updated(self, m: Measurement, tolerance: float) -> tuple[FilterState, Update]:
-        """Return the state after the update by an arm, and its back-substitution, by a parallel sum if possible."""
+    def updated(self, m: Measurement, tolerance: float) -> tuple[FilterState, ArmUpdate]:
+        """Return the state after the update by an arm, and the update, by a parallel sum if possible."""
         if m.parallel and not isinstance(self.P, FactoredMobility):
-            x, P, update = rigid_update(self.x, self.P, m, self.size)
+            included, factors = parallel_sum(self.X, self.P, m, self.size)
             size = minimum(self.size, size_at_centre(m.extent))
         else:
-            x, P, update = row_updates(self.x, self.factors(), m, self.size, tolerance)
+            included, factors = row_sums(
+                self.X, self.factors(), m, m.pivot_sizes(self.size), m.typical_pivots(self.size), tolerance
+            )
             size = self.size
-        return FilterState(x, P, size, self.kept + update.kept, minimum(self.weakest, update.weakest)), update
+        x, load, nu = factors.forward(self.x, m.r)
+        kept, weakest = self.kept + included.kept, minimum(self.weakest, included.weakest)
+        update = ArmUpdate(factors, nu, load, included.N, included.independent)
+        return FilterState(x, included.X, included.P, size, kept, weakest), update
 
     def updated_by_final(self, m: Measurement, tolerance: float, w: Array) -> tuple[FilterState, FinalUpdate]:
         """Return the state after the update by the last arm, and its update; w is the external wrench on the object."""
-        if m.parallel and not isinstance(self.P, FactoredMobility):
-            end = terminal_update(self.x, self.P, m, self.size, w)
-            return self.updated(m, tolerance)[0], FinalUpdate(end.solution, end.on_trunk, None)
         after, update = self.updated(m, tolerance)
-        by_w, on_trunk = after.factors().apply(w), update.on_trunk
-        if on_trunk is not None:
-            on_trunk = np.column_stack([on_trunk[:, 0] - w @ after.x[:, 1:], on_trunk[:, 1:]])
+        if m.parallel and not isinstance(self.P, FactoredMobility):
+            included, end = terminal_sum(self.X, self.P, m, self.size)
+            load, kept = end.forward(self.x, m.r, w)
+            return after, FinalUpdate(lambda beta: end.back(kept, beta), load, included.N, None)
+        by_w = after.factors().apply(w)
 
-        def solution(beta: Array | None) -> tuple[Array, Array]:
-            return of_beta(after.x, beta) + by_w, update.back_substitute(w, beta)
+        def solution(beta: Array) -> tuple[Array, Array]:
+            return after.x + after.X @ beta + by_w, update.factors.back(w, update.nu, beta)
 
-        return after, FinalUpdate(solution, on_trunk, update.independent)
+        return after, FinalUpdate(solution, update.load - w @ after.X, update.inertia, update.independent)
 
     def released(self, D: list[Scalar], w: list[Array]) -> FilterState:
         """Return the state with sum D w w^T added to P."""
@@ -171,13 +194,13 @@ def nothing_carried(columns: int) -> CarriedTerms:
 def joint_crossed(body: TrunkBody, welded: LockedBody, filter_state: FilterState, carried: CarriedTerms) -> Crossing:
     """Return the result of crossing one joint; see the equations of the module."""
     assert body.H is not None and body.joint is not None
-    H, x, X = body.H, filter_state.x[:, 0], filter_state.x[:, 1:]
+    H, x, X = body.H, filter_state.x, filter_state.X
     inertia, wrench = welded.inertia.symmetric().plus(symmetric6(carried.inertia)), welded.wrench + carried.load
     column = inertia.apply(H)
     D = H @ column + body.joint.armature
     G, eps, W = column / D, body.torque - H @ wrench, X @ H
     before = array([shift_wrench(body.reach, row) for row in X - outer(W, G)])  # times phi^T
-    updated = filter_state.released([1.0 / D], [W])._replace(x=np.column_stack([x + W * (eps / D), before]))
+    updated = filter_state.released([1.0 / D], [W])._replace(x=x + W * (eps / D), X=before)
     carried = CarriedTerms(
         shift_wrench(body.reach, wrench + G * eps), inertia.plus_outer(-G, column).inertia_shifted(body.reach).dense()
     )
@@ -199,8 +222,7 @@ def joints_crossed(
     """
     M, T = joint_equations(bodies, welded)
     D, eps = (M + carried.inertia)[::-1, ::-1], (T - carried.load)[::-1]
-    x, X = filter_state.x[:, :1], filter_state.x[:, 1:]
-    found = _released(filter_state._replace(x=np.hstack([x, X[:, ::-1]])), D, eps)
+    found = _released(filter_state._replace(X=filter_state.X[:, ::-1]), D, eps)
     largest = reduce(maximum, found.pivots, 0.0)
 
     def accelerated(beta: Array, s: Array) -> tuple[Array, Array]:
@@ -241,11 +263,11 @@ def set_free(welded: LockedBody, filter_state: FilterState, carried: CarriedTerm
 
 def _released(filter_state: FilterState, D: Array, eps: Array) -> Crossing:
     """Return the result of eliminating the columns, with their inertia D and generalised forces eps."""
-    x, X = filter_state.x[:, 0], filter_state.x[:, 1:]
+    x, X = filter_state.x, filter_state.X
     factors = ldl(D, np.zeros(len(D)))  # positive definite: every pivot counts
     columns = forward_substitution(factors.L, X.T)  # L^-1 X^T
     updated = filter_state.released([1.0 / d for d in factors.pivots], list(columns))
-    updated = updated._replace(x=(x + X @ ldl_solve(factors, eps))[:, None])
+    updated = updated._replace(x=x + X @ ldl_solve(factors, eps), X=np.zeros((6, 0)))
 
     def accelerated(_: Array, s: Array) -> tuple[Array, Array]:
         a = ldl_solve(factors, eps + s @ X)

@@ -143,21 +143,20 @@ def inward(
     size = initial_size(body, [rows[name] for name in everyone])
     dense = bool(everyone) and rows[everyone[0]].parallel
     P = body.mobility.dense() if dense else FactoredMobility(body.D, body.w)
-    x = np.column_stack([body.acceleration, np.zeros((6, trunk.column_count))])
-    filter_state = FilterState(x, P, size, contact_freedoms, 1.0)
+    X = np.zeros((6, trunk.column_count))
+    filter_state = FilterState(body.acceleration, X, P, size, contact_freedoms, 1.0)
     carried, updates, crossings = nothing_carried(trunk.column_count), {}, {}
     for k in [*reversed(stops(trunk)), -1]:
         if k < 0:
-            x = filter_state.x[:, 0]  # the base of the trunk has no additional acceleration
-            filter_state = filter_state._replace(x=x)
+            filter_state = filter_state._replace(X=np.zeros((6, 0)))  # the trunk's base has no additional acceleration
         for name, base in bases.items():
             if on(trunk, name) == k:
                 carried = carried.plus(base.wrench, base.Y)
         for name in order[k]:
             see = filter_state.updated if name != last else partial(filter_state.updated_by_final, w=body.wrench)
             filter_state, updates[name] = see(rows[name], tolerance)
-            added = updates[name].on_trunk
-            carried = carried if added is None else carried.plus(added[:, 0], added[:, 1:])
+            if k >= 0:
+                carried = carried.plus(updates[name].load, updates[name].inertia)
         if k >= 0:
             crossings[k] = crossed(trunk, k, welded, filter_state, carried)
             filter_state, carried = crossings[k].filter_state, crossings[k].carried
@@ -174,18 +173,19 @@ def outward(trunk: TrunkMotion, sweep: InwardSweep, w: Array) -> tuple[dict[str,
     """
     last, filter_state = sweep.last, sweep.filter_state
     alone = last is not None and on(trunk, last) >= 0  # only the trunk remains after the last grasp
-    s, beta, wrenches, accelerations = np.zeros(6) if alone else w, None, {}, []
+    s, beta, wrenches, accelerations = np.zeros(6) if alone else w, np.zeros(0), {}, []
     alpha = filter_state.x + filter_state.factors().apply(w) if last is None else None
     for k in [-1, *stops(trunk)]:
         if k >= 0:
-            a, beta = sweep.crossings[k].accelerated(np.zeros(6) if beta is None else beta, s)
+            a, beta = sweep.crossings[k].accelerated(beta if len(beta) else np.zeros(6), s)
             accelerations.append(a)
         for name in reversed(sweep.order[k]):
             if name == last:
                 alpha, wrenches[name] = sweep.updates[name].solution(beta)
                 s = w + wrenches[name]
             else:
-                wrenches[name] = sweep.updates[name].back_substitute(s, beta)
+                update = sweep.updates[name]
+                wrenches[name] = update.factors.back(s, update.nu, beta)
                 s = s + wrenches[name]
     assert alpha is not None
     return wrenches, alpha, accelerations
