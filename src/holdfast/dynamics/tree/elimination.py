@@ -16,18 +16,28 @@ import numpy as np
 
 from holdfast.dynamics.closed.tip_response import responded
 from holdfast.dynamics.tree.belief import Belief, empty_belief
-from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.dynamics.tree.forest_motion import ForestMotion, Limb
 from holdfast.dynamics.tree.leaves import back_leaves, forward_leaves, leaves_of, measure_leaves
-from holdfast.dynamics.tree.crossing import Crossed, back_cross, cross, forward_cross
-from holdfast.dynamics.tree.order import Cross, ForestPart, MeasureLeaves, PlanStep
+from holdfast.dynamics.tree.crossing import (
+    AllCrossed,
+    Crossed,
+    back_cross,
+    back_cross_all,
+    columns_of,
+    cross,
+    cross_all,
+    forward_cross,
+    forward_cross_all,
+)
+from holdfast.dynamics.tree.order import Cross, CrossAll, ForestPart, MeasureLeaves, PlanStep
 from holdfast.dynamics.tree.plan import Condense, EliminationPlan, Settle
 from holdfast.dynamics.tree.settled import SettledBody, settled_body
 from holdfast.dynamics.tree.steps import STEPS, Back, Inward, PartMotion, RightHandSide
 from holdfast.model.forest import GROUND
 from holdfast.spatial.linalg import RANK_TOLERANCE, ldl_solve
-from holdfast.spatial.scalar import Array, Scalar, each, minimum
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each, minimum
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
-from holdfast.spatial.symmetric import Symmetric6, symmetric6
+from holdfast.spatial.symmetric import Symmetric6, mirrored, symmetric6
 
 
 class ForestSolution(NamedTuple):
@@ -164,12 +174,13 @@ def factorised(
             continue
         part = plan.parts[step.part]
         steps = plan.steps[step.part]
-        of = PartMotion(motion, settled, part, width_at_first(part, steps), tolerance)
+        of = PartMotion(motion, settled, part, first_columns(motion, part, steps), tolerance)
         leaves = [leaf for one in steps if isinstance(one, MeasureLeaves) for leaf in one.leaves]
         of = of._replace(leaves=leaves_of(of, leaves))
         now, factors = empty_belief(of.width), []
         for side in sides:
             side.begin(step.part, of.width)
+        now = _with_free_joints(now, sides, motion, steps)
         for one in steps:
             if isinstance(one, MeasureLeaves):
                 now, found, kept = measure_leaves(now, sides, one, of)
@@ -178,10 +189,14 @@ def factorised(
                 inertia[k] = inertia[k].plus(symmetric6(now.N))
                 settled[k] = settled_body(motion.bodies[k], inertia[k], alone=False)
                 now, found = cross(now, settled[k], parent)
-                of = of._replace(width=now.X.shape[1])
+                of = of._replace(columns=np.eye(6)[:, : now.X.shape[1]])
                 if parent != GROUND:
                     inertia[parent], alone = inertia[parent].plus(settled[k].inertia_on_parent()), alone - {parent}
                 kept = [_cross(side, k, parent, found) for side in sides]
+            elif isinstance(one, CrossAll):
+                now, found = cross_all(now, [motion.bodies[k] for k in one.bodies], [inertia[k] for k in one.bodies])
+                of = of._replace(columns=np.zeros((6, 0)))
+                kept = [forward_cross_all(side, one.bodies, found) for side in sides]
             else:
                 now, found = STEPS[type(one)].factor(now, one, of)
                 kept = [STEPS[type(one)].forward(side, one, found) for side in sides]
@@ -208,10 +223,14 @@ def solve(factors: ForestFactors, motion: ForestMotion) -> ForestSolution:
                 _settle(side, step.body, parent, factors.settled[step.body])
             continue
         part, condensed = plan.parts[step.part], factors.parts[step.part]
-        side.begin(step.part, width_at_first(part, plan.steps[step.part]))
+        side.begin(step.part, first_columns(factors.motion, part, plan.steps[step.part]).shape[1])
+        _with_free_joints(condensed.belief, [side], motion, plan.steps[step.part])
         for one, found in zip(plan.steps[step.part], condensed.factors, strict=True):
-            if isinstance(one, Cross):
-                kept = _cross(side, one.body, motion.forest.topology.parents[one.body], found)
+            if isinstance(one, Cross | CrossAll):
+                if isinstance(one, Cross):
+                    kept = _cross(side, one.body, motion.forest.topology.parents[one.body], found)
+                else:
+                    kept = forward_cross_all(side, one.bodies, found)
                 side.kept[step.part].append(kept)
                 continue
             forward = forward_leaves if isinstance(one, MeasureLeaves) else STEPS[type(one)].forward
@@ -233,14 +252,18 @@ def _with_limbs(motion: ForestMotion, sides: Sequence[Inward]) -> tuple[dict[int
         base = limb.tip.base
         if base is not None:
             locked = base.locked.moved(np.eye(3), limb.offset).symmetric()
-            inertia[limb.on] = inertia[limb.on].plus(locked).plus(symmetric6(base.Y))
+            inertia[limb.on] = inertia[limb.on].plus(locked)
+            if len(base.Y) == 6:
+                inertia[limb.on] = inertia[limb.on].plus(symmetric6(base.Y))
             carrying.add(limb.on)
     for side in sides:
         side.load = {k: side.rhs.bodies[k].load for k in inertia}
-        for limb in (*side.rhs.limbs.values(), *side.rhs.lone):
+        for limb in side.rhs.all_limbs:
             base = limb.tip.base
             if base is not None:
-                side.load[limb.on] = side.load[limb.on] + shift_wrench(limb.offset, base.at_rest) + base.wrench
+                side.load[limb.on] = side.load[limb.on] + shift_wrench(limb.offset, base.at_rest)
+                if len(base.wrench) == 6:
+                    side.load[limb.on] = side.load[limb.on] + base.wrench
     return inertia, frozenset(inertia) - carrying
 
 
@@ -260,9 +283,29 @@ def _cross(side: Inward, k: int, parent: int, found: Crossed) -> None:
     forward_cross(side, k, found)
 
 
-def width_at_first(part: ForestPart, steps: Sequence[PlanStep]) -> int:
-    """Return the number of components of the acceleration of the root with which a part begins."""
-    return 0 if part.root == GROUND and not any(isinstance(step, Cross) for step in steps) else 6
+def first_columns(motion: ForestMotion, part: ForestPart, steps: Sequence[PlanStep]) -> Array:
+    """Return the acceleration of the root per column with which a part begins, (6, c)."""
+    for step in steps:
+        if isinstance(step, CrossAll):
+            return columns_of([motion.bodies[k] for k in step.bodies])
+        if isinstance(step, Cross):
+            return np.eye(6)
+    return np.eye(6)[:, : 0 if part.root == GROUND else 6]
+
+
+def _with_free_joints(
+    now: Belief, sides: Sequence[Inward], motion: ForestMotion, steps: Sequence[PlanStep]
+) -> Belief:
+    """Return the state with what the joints of limbs add to the equations of joint rates, if these are the columns."""
+    rates = {step.bodies[-1] for step in steps if isinstance(step, CrossAll)}
+    for limb in motion.all_limbs:
+        if limb.on in rates and limb.tip.base is not None:
+            now = now._replace(N=mirrored(now.N + limb.tip.base.Y))
+    for side in sides:
+        for limb in side.rhs.all_limbs:
+            if limb.on in rates and limb.tip.base is not None:
+                side.on_root = side.on_root + limb.tip.base.wrench
+    return now
 
 
 def _outward(factors: ForestFactors, sides: Sequence[Inward]) -> list[ForestSolution]:
@@ -282,6 +325,10 @@ def _outward(factors: ForestFactors, sides: Sequence[Inward]) -> list[ForestSolu
                 if isinstance(one, MeasureLeaves):
                     back_leaves(now, one, found, kept)
                     continue
+                if isinstance(one, CrossAll):
+                    for i, back in enumerate(now):
+                        _with_rates(one.bodies, found, back_cross_all(back, found, kept[i]), qdd[i], beta[i])
+                    continue
                 if isinstance(one, Cross):
                     for i, back in enumerate(now):
                         below = beta[i][motion.forest.topology.parents[one.body]]
@@ -296,6 +343,19 @@ def _outward(factors: ForestFactors, sides: Sequence[Inward]) -> list[ForestSolu
             for i in range(count):
                 _accelerate(factors, step, sides[i], backs[i], beta[i], qdd[i])
     return [_solution(factors, sides[i], backs[i], beta[i], qdd[i]) for i in range(count)]
+
+
+def _of_columns(limb: Limb, beta: dict[int, Array], qdd: dict[int, Array]) -> Array:
+    """Return the accelerations of a limb's base columns."""
+    return concatenate([qdd[k] for k in limb.rates]) if limb.rates else beta[limb.on]
+
+
+def _with_rates(bodies: Sequence[int], of: AllCrossed, a: Array, qdd: dict[int, Array], beta: dict[int, Array]) -> None:
+    """Note the accelerations of joints that have been crossed together, and of their bodies, from the world outward."""
+    under = np.zeros(6)
+    for j, (k, body) in enumerate(zip(bodies, of.motions, strict=True)):
+        under = shift_twist(body.reach, under) + a[j] * body.H[:, 0]
+        qdd[k], beta[k] = a[[j]], under
 
 
 def _accelerate(
@@ -335,7 +395,7 @@ def _solution(
         responded,
         [limb.tip for _, limb in limbs],
         [np.zeros(6) if i is None else -wrenches[i] if limb.is_b else wrenches[i] for i, limb in limbs],
-        [None if limb.tip.base is None else beta[limb.on] for _, limb in limbs],
+        [None if limb.tip.base is None else _of_columns(limb, beta, qdd) for _, limb in limbs],
     )
     for (_, limb), (own, _) in zip(limbs, found, strict=True):
         qdd |= {k: own[[j]] for j, k in enumerate(limb.bodies)}

@@ -194,6 +194,7 @@ class Limb(NamedTuple):
         is_b: whether its end is body b of the closure.
         motion: its motion, with six base columns if it stands on a body.
         tip: its tip response, about the contact point.
+        rates: bodies whose joint rates are its base columns; empty if they are the acceleration of the body below.
     """
 
     bodies: tuple[int, ...]
@@ -202,6 +203,7 @@ class Limb(NamedTuple):
     is_b: bool
     motion: ArmMotion
     tip: TipResponse
+    rates: tuple[int, ...] = ()
 
     def at_rest(self) -> Limb:
         """Return the limb at rest, without torques, wrenches and gravity."""

@@ -42,7 +42,6 @@ from holdfast.dynamics.tree.steps import (
     back_close_frame,
     close_frame,
     forward_close_frame,
-    placed,
 )
 from holdfast.spatial.inertia import NO_INERTIA
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, minimum, scan
@@ -247,7 +246,7 @@ def by_rows(
     if any(leaf.step.other in (None, ROOT) for leaf in leaves):
         frames[None] = 6
         passing = _with_world(passing)
-    items = [_among(leaf, now, frames, of.width) for leaf in leaves]
+    items = [_among(leaf, now, frames, of) for leaf in leaves]
 
     def include_among(now: Passing, m: Measurement, sizes: Array, r: list[Array]) -> tuple[Passing, Any]:
         return _by_rows(now, m, r, m.own_sizes() + sizes, np.diag(m.R) + sizes / 3.0, tolerance)
@@ -366,10 +365,11 @@ def _with_columns(m: Measurement, width: int) -> Measurement:
     return m if m.X.shape[1] == width else replace(m, X=np.zeros((len(m.r), width)))
 
 
-def _among(leaf: Leaf, now: Belief, frames: Mapping[int | None, int], width: int) -> tuple[Measurement, Array]:
+def _among(leaf: Leaf, now: Belief, frames: Mapping[int | None, int], of: PartMotion) -> tuple[Measurement, Array]:
     """Return a leaf's rows on all open frames, and the part of the open frames in their sizes (rows,)."""
     m, step = leaf.seen, leaf.step
-    on, on_root = placed([(step.other, m.C), (step.of, -m.X)] if step.of is not None else [(step.other, m.C)], width)
+    ends = [(step.other, m.C), *([] if step.of is None else [(step.of, -m.X)])]
+    on, on_root = of.placed(ends)
     sizes = now.sizes_of(on, len(m.r))
     world = [m.C if step.other in (None, ROOT) else 0.0 * m.C] if None in frames else []
     C = np.concatenate([now.coefficients(on, len(m.r)), *world], axis=1)

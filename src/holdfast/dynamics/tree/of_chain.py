@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -21,7 +20,6 @@ from holdfast.model.chain_forest import ChainForest, chain_forest
 from holdfast.model.forest import GROUND
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import array, concatenate, each
-from holdfast.spatial.spatial_vector import twist_shift
 
 _NONE = np.zeros(3)
 
@@ -36,7 +34,8 @@ def tree(motion: ChainMotion, route: Route = "auto") -> Solution:
         raise MethodNotApplicable("chooses the rows that it imposes by their pivots; try method='sequential'")
     found = _forest_of(motion.chain)
     of_forest = motion_of_chain(motion, found, route)
-    _, whole = factorised(of_forest, plan_of(found.forest.topology, cut=False))
+    rates = motion.trunk is not None and motion.trunk.by_joints
+    _, whole = factorised(of_forest, plan_of(found.forest.topology, cut=False, rates=rates))
     return _of_chain(motion, found, of_forest, whole)
 
 
@@ -80,16 +79,16 @@ def motion_of_chain(motion: ChainMotion, found: ChainForest, route: Route = "aut
     chain, forest = motion.chain, found.forest
     bodies: list[BodyMotion] = [_no_body()] * len(forest.bodies)
     arms = {name: (GROUND, _NONE, arm) for name, arm in motion.arms.items()}
+    rates = tuple(found.trunk) if motion.trunk is not None and motion.trunk.by_joints else ()
     if motion.trunk is not None:
         bodies[: len(found.trunk)] = [_trunk_body(body) for body in motion.trunk.bodies]
         for name, mount in motion.trunk.mounts.items():
-            columns = replace(motion.arms[name], base_columns=twist_shift(mount.offset))
-            arms[name] = mount.body, mount.offset, columns
+            arms[name] = mount.body, mount.offset, motion.arms[name]
     bodies[found.held_object] = _object(motion)
     names = [name for name in chain.arms if name in chain.grasps or arms[name][0] != GROUND]
     tips = each(lambda arm: tip_response(arm, route), [arms[name][2] for name in names])
     limbs = {
-        name: Limb(tuple(found.arms[name]), on, offset, False, arm, tip)
+        name: Limb(tuple(found.arms[name]), on, offset, False, arm, tip, rates if on != GROUND else ())
         for name, tip in zip(names, tips, strict=True)
         for on, offset, arm in [arms[name]]
     }

@@ -103,6 +103,16 @@ class Cross(NamedTuple):
     body: int
 
 
+class CrossAll(NamedTuple):
+    """The root moves to the world over several joints together; the part's columns are their rates.
+
+    Attributes:
+        bodies: their bodies, from the world outward.
+    """
+
+    bodies: tuple[int, ...]
+
+
 class CloseFrame(NamedTuple):
     """A frame is left out; `body` is the free body that has stayed at it, or None."""
 
@@ -110,7 +120,7 @@ class CloseFrame(NamedTuple):
     body: int | None
 
 
-PlanStep = AddFree | OpenFrame | MoveFrame | Measure | Couple | MeasureLeaves | Cross | CloseFrame
+PlanStep = AddFree | OpenFrame | MoveFrame | Measure | Couple | MeasureLeaves | Cross | CrossAll | CloseFrame
 
 
 def widest(steps: Sequence[PlanStep]) -> int:
@@ -261,8 +271,10 @@ class Front:
         """Return the ways on: from a vertex to a child, or None and a free body to add."""
         tops = [*self.given, *(v for v in self.frames if isinstance(v, int))]
         found = [(v, k) for v in dict.fromkeys(tops) for k in sorted(self.ahead.get(v, ()))]
-        inner = self.root == self.of.part.root
-        needed = {v for i in self.closures if inner or self._hangs(i) for v in self.of.topology.ends[i]}
+        if self.root == self.of.part.root:
+            needed = {*self.of.part.members}
+        else:
+            needed = {v for i in self.closures if self._hangs(i) for v in self.of.topology.ends[i]}
         free = [k for k in self.of.part.members if self.of.topology.free[k] and k not in self.added and k in needed]
         return [*found, *((None, k) for k in sorted(free))]
 
@@ -356,13 +368,14 @@ class Front:
             now = better
 
 
-def ordered(topology: Topology, part: ForestPart, leaves: bool = True) -> tuple[PlanStep, ...]:
+def ordered(topology: Topology, part: ForestPart, leaves: bool = True, rates: bool = False) -> tuple[PlanStep, ...]:
     """Return the steps of a part: always the way after which the fewest numbers are open.
 
     Args:
         topology: the forest's graph.
         part: the part.
         leaves: whether chains to one closure are one step.
+        rates: whether the root moves over consecutive joints in one step.
     """
     if not part.closures and not part.couplings:
         return ()
@@ -383,7 +396,12 @@ def ordered(topology: Topology, part: ForestPart, leaves: bool = True) -> tuple[
     now = _searched(now._closed())
     for _ in backbone:
         now = _searched(now.crossed())
-    return _with_leaves(now.steps, topology) if leaves else now.steps
+    steps = _with_leaves(now.steps, topology) if leaves else now.steps
+    bodies = tuple(step.body for step in reversed(steps) if isinstance(step, Cross))
+    if not (rates and bodies):
+        return steps
+    at = next(i for i, step in enumerate(steps) if isinstance(step, Cross))
+    return *steps[:at], CrossAll(bodies), *steps[at + len(bodies) :]
 
 
 def _searched(now: Front) -> Front:

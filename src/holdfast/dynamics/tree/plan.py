@@ -8,12 +8,12 @@ a part on the acceleration of its root loses no rank if the joint between the ro
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
-from holdfast.dynamics.tree.order import Cross, ForestPart, PlanStep, ordered
+from holdfast.dynamics.tree.order import Cross, CrossAll, ForestPart, PlanStep, ordered
 from holdfast.model.forest import GROUND, Topology
 
 
@@ -60,7 +60,7 @@ class Edge(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def plan_of(topology: Topology, leaves: bool = True, cut: bool = True) -> EliminationPlan:
+def plan_of(topology: Topology, leaves: bool = True, cut: bool = True, rates: bool = False) -> EliminationPlan:
     """Return the plan of a forest. The search for the order is cubic in the number of a part's branches.
 
     Args:
@@ -68,17 +68,18 @@ def plan_of(topology: Topology, leaves: bool = True, cut: bool = True) -> Elimin
         leaves: whether a chain of joints that only one closure needs is one step; otherwise every joint is a step.
         cut: whether loops that share one body settle there one after the other; otherwise everything that is connected
             is one part, in which chains of joints that end at one closure are always leaves.
+        rates: whether a part's columns are the rates of the joints below its root instead of the root's acceleration.
     """
     found, roots = parts_of_graph(topology, cut)
     rooted: dict[int, list[int]] = {}
     for i, part in enumerate(found):
         rooted.setdefault(part.root, []).append(i)
 
-    steps = tuple(ordered(topology, part, leaves) for part in found)
+    steps = tuple(ordered(topology, part, leaves, rates) for part in found)
 
     def settled(vertex: int) -> Iterator[Settle | Condense]:
         for i in rooted.get(vertex, []):
-            crossed = {step.body for step in steps[i] if isinstance(step, Cross)}
+            crossed = crossed_bodies(steps[i])
             for k in found[i].members:
                 yield from settled(k)
                 if k not in crossed:
@@ -91,6 +92,12 @@ def plan_of(topology: Topology, leaves: bool = True, cut: bool = True) -> Elimin
         if root != GROUND:
             inward.append(Settle(root, None))
     return EliminationPlan(tuple(found), steps, tuple(inward))
+
+
+def crossed_bodies(steps: Sequence[PlanStep]) -> set[int]:
+    """Return the bodies over whose joints the root of a part moves inward."""
+    all_at_once = [k for step in steps if isinstance(step, CrossAll) for k in step.bodies]
+    return {*all_at_once, *(step.body for step in steps if isinstance(step, Cross))}
 
 
 def depths(topology: Topology) -> list[int]:

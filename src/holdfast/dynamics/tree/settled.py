@@ -109,7 +109,9 @@ def settled_body(motion: BodyMotion, inertia: Symmetric6, *, alone: bool) -> Set
     H, I = motion.H, inertia.dense()
     IH = I @ H
     D = I if motion.floats else H.T @ IH + np.diag(motion.armature)
-    factors = ldl(D, np.diag(D), LEAST_PIVOT)
+    # the inertia of a free body is positive definite: every pivot counts, as does a single one
+    size = np.zeros(len(D)) if motion.floats or len(D) == 1 else np.diag(D)
+    factors = ldl(D, size, LEAST_PIVOT)
     columns = H @ back_substitution(factors.L, np.eye(len(D)))
     G = np.eye(6) if motion.floats else ldl_solve(factors, IH.T).T
     return SettledBody(motion, factors, columns, G, inertia, alone)

@@ -59,6 +59,11 @@ class RightHandSide(NamedTuple):
     limbs: Mapping[int, Limb]
     lone: Sequence[Limb]
 
+    @property
+    def all_limbs(self) -> list[Limb]:
+        """Limbs with and without a closure."""
+        return [*self.limbs.values(), *self.lone]
+
 
 @dataclass
 class Inward:
@@ -126,7 +131,7 @@ class PartMotion(NamedTuple):
         motion: the forest's motion.
         settled: its settled bodies, by index.
         part: the part.
-        width: number c of components of the root's acceleration, 0 if the root is the world.
+        columns: (6, c) acceleration of the root per column, the identity, or joint rates; (6, 0) if it is the world.
         tolerance: relative size of a pivot that counts as zero.
         leaves: its leaves, by closure.
     """
@@ -134,13 +139,25 @@ class PartMotion(NamedTuple):
     motion: ForestMotion
     settled: Mapping[int, SettledBody]
     part: ForestPart
-    width: int
+    columns: Array
     tolerance: float = RANK_TOLERANCE
     leaves: Mapping[int, Any] = MappingProxyType({})
 
-    def known(self, root: bool) -> Array:
-        """Return X of the root, or of the world, (6, c)."""
-        return np.eye(6) if root else np.zeros((6, self.width))
+    @property
+    def width(self) -> int:
+        """Number c of columns."""
+        return self.columns.shape[1]
+
+    def placed(self, ends: Sequence[tuple[int | None, Array]]) -> tuple[dict[int, Array], Array]:
+        """Return rows by open frame, and those on the columns (rows, c)."""
+        on: dict[int, Array] = {}
+        on_root = np.zeros((len(ends[0][1]), self.width))
+        for frame, rows in ends:
+            if frame == ROOT:
+                on_root = on_root + (rows if rows.shape[1] == self.width else rows @ self.columns)
+            elif frame is not None:
+                on[frame] = on[frame] + rows if frame in on else rows
+        return on, on_root
 
 
 def add_free(now: Belief, step: AddFree, of: PartMotion) -> tuple[Belief, SettledBody]:
@@ -183,7 +200,7 @@ def open_frame(now: Belief, step: OpenFrame, of: PartMotion) -> tuple[Belief, Co
     if step.of is not None and step.of != ROOT:
         at = now.slice_of(step.of)
         return now.with_frame(step.frame, now.X[at], now.factors_at(step.of), now.prior[step.of]), Copied(at)
-    X = of.known(step.of == ROOT)
+    X = of.columns if step.of == ROOT else np.zeros((6, of.width))
     return now.with_frame(step.frame, X, np.zeros((6, len(now.factors.D))), np.zeros((6, 6))), Copied(None)
 
 
@@ -246,7 +263,7 @@ class Imposed(NamedTuple):
 def measure(now: Belief, step: Measure, of: PartMotion) -> tuple[Belief, Imposed]:
     """Impose a closure between open frames, the root and the world."""
     c = of.motion.closures[step.closure]
-    on, on_root = placed([(step.a, c.on_a), (step.b, c.on_b)], of.width)
+    on, on_root = of.placed([(step.a, c.on_a), (step.b, c.on_b)])
     then, rows = with_measurement(now, on, on_root, c.K, of.tolerance)
     return then, Imposed(now.frames, rows)
 
@@ -349,18 +366,6 @@ STEPS: dict[type, StepKind] = {
     Couple: StepKind(couple, forward_couple, back_couple),
     CloseFrame: StepKind(close_frame, forward_close_frame, back_close_frame),
 }
-
-
-def placed(ends: Sequence[tuple[int | None, Array]], width: int) -> tuple[dict[int, Array], Array]:
-    """Return rows by open frame, and those on the root's acceleration (rows, c)."""
-    on: dict[int, Array] = {}
-    on_root = np.zeros((len(ends[0][1]), width))
-    for frame, rows in ends:
-        if frame == ROOT:
-            on_root = on_root + rows
-        elif frame is not None:
-            on[frame] = on[frame] + rows if frame in on else rows
-    return on, on_root
 
 
 def size_of(mobility: Array) -> Array:
