@@ -109,7 +109,7 @@ def test_size_of_a_row_is_not_its_own_variance(monkeypatch):
 
 def test_rows_in_pivot_order(monkeypatch):
     """In the given order, the rows of over-constrained hands cost digits, which they do not in the order of pivots."""
-    p = random_forest(521)
+    p = random_forest(91)
     motion, plan = motion_of(p), plan_of(p.forest.topology, leaves=False)
     truth = ForestEquations(*p[1:], digits=50).solved()
     rates = [part for part, body in zip(p.forest.velocities, motion.bodies, strict=True) if not body.floats]

@@ -246,7 +246,7 @@ def _with_limbs(motion: ForestMotion, sides: Sequence[Inward]) -> tuple[dict[int
     The loads of the limbs are added to those of the bodies.
     """
     within = {k for limb in motion.all_limbs for k in limb.bodies}
-    inertia = {k: body.inertia for k, body in enumerate(motion.bodies) if k not in within}
+    inertia = {k: body.inertia for k, body in enumerate(motion.bodies) if body is not None and k not in within}
     carrying = set()
     for limb in motion.all_limbs:
         base = limb.tip.base
@@ -278,7 +278,7 @@ def _settle(side: Inward, k: int, parent: int, body: SettledBody) -> None:
 
 def _cross(side: Inward, k: int, parent: int, found: Crossed) -> None:
     """Take a right-hand side across the joint of a body, on which it settles first."""
-    side.load[k] = side.load[k] + side.on_root
+    side.load[k] = side.load[k] + side.on_root - side.rhs.bodies[k].wrench
     _settle(side, k, parent, found.body)
     forward_cross(side, k, found)
 
@@ -403,10 +403,9 @@ def _solution(
     weakest: Scalar = 1.0
     for one in factors.parts.values():
         rank, weakest = rank + one.belief.kept, minimum(weakest, one.belief.weakest)
-    order = range(len(motion.forest.bodies))
-    none = np.zeros(0)
+    order, none = range(len(motion.forest.bodies)), np.zeros(0)
     return ForestSolution(
-        [qdd[k] for k in order],
+        [qdd.get(k, none) for k in order],
         [beta.get(k) for k in order],
         [wrenches[i] for i in range(len(motion.forest.closures))],
         [multipliers[i] for i in range(len(motion.forest.couplings))],

@@ -35,7 +35,7 @@ def tree(motion: ChainMotion, route: Route = "auto") -> Solution:
     found = _forest_of(motion.chain)
     of_forest = motion_of_chain(motion, found, route)
     rates = motion.trunk is not None and motion.trunk.by_joints
-    _, whole = factorised(of_forest, plan_of(found.forest.topology, cut=False, rates=rates))
+    _, whole = factorised(of_forest, plan_of(found.forest.topology, trunk=tuple(found.trunk), rates=rates))
     return _of_chain(motion, found, of_forest, whole)
 
 
@@ -77,7 +77,7 @@ def motion_of_chain(motion: ChainMotion, found: ChainForest, route: Route = "aut
         route: method for the tip responses, see `tip_response`.
     """
     chain, forest = motion.chain, found.forest
-    bodies: list[BodyMotion] = [_no_body()] * len(forest.bodies)
+    bodies: list[BodyMotion | None] = [None] * len(forest.bodies)
     arms = {name: (GROUND, _NONE, arm) for name, arm in motion.arms.items()}
     rates = tuple(found.trunk) if motion.trunk is not None and motion.trunk.by_joints else ()
     if motion.trunk is not None:
@@ -128,8 +128,3 @@ def _object(motion: ChainMotion) -> BodyMotion:
     inertia = motion.body.inertia.inertia_shifted(-free.centre)
     return BodyMotion(at, free.centre, np.eye(6), inertia, none, none, none, free.wrench, free)
 
-
-def _no_body() -> BodyMotion:
-    """Return what stands for a body within a limb."""
-    none = np.zeros(6)
-    return BodyMotion(Carrier(Pose.identity(), _NONE, none, none), _NONE, np.zeros((6, 1)), None, none, none, none, none)

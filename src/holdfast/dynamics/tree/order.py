@@ -178,16 +178,16 @@ class Branches:
             vertex = self.topology.parents[vertex]
         return found
 
-    def backbone(self) -> list[int]:
+    def backbone(self, trunk: Sequence[int] = ()) -> list[int]:
         """Return the bodies over whose joints the root moves inward, the outermost first.
 
         They are those on which several closures hang, one on the other, as long as nothing else does. What hangs on
         one of them may be closed only with itself and with free bodies on which nothing hangs, and no coupling may need
-        its joint.
+        its joint. Those of a trunk are always among them.
         """
         found, vertex = [], self.part.root
         while True:
-            below = [k for k in self._below(vertex) if self._hanging(k) > 1]
+            below = [k for k in self._below(vertex) if self._hanging(k) > 1 or k in trunk]
             if len(below) != 1 or not self._by_itself(below[0]):
                 return found[::-1]
             vertex = below[0]
@@ -368,19 +368,22 @@ class Front:
             now = better
 
 
-def ordered(topology: Topology, part: ForestPart, leaves: bool = True, rates: bool = False) -> tuple[PlanStep, ...]:
+def ordered(
+    topology: Topology, part: ForestPart, leaves: bool = True, trunk: Sequence[int] = (), rates: bool = False
+) -> tuple[PlanStep, ...]:
     """Return the steps of a part: always the way after which the fewest numbers are open.
 
     Args:
         topology: the forest's graph.
         part: the part.
         leaves: whether chains to one closure are one step.
+        trunk: bodies over which the root moves, even if only one closure needs them.
         rates: whether the root moves over consecutive joints in one step.
     """
     if not part.closures and not part.couplings:
         return ()
     of = Branches.of(topology, part)
-    backbone = of.backbone() if leaves else []
+    backbone = of.backbone(trunk) if leaves else []
     now = Front(
         of,
         (),

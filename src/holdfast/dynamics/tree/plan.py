@@ -60,22 +60,24 @@ class Edge(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def plan_of(topology: Topology, leaves: bool = True, cut: bool = True, rates: bool = False) -> EliminationPlan:
+def plan_of(
+    topology: Topology, leaves: bool = True, trunk: tuple[int, ...] | None = None, rates: bool = False
+) -> EliminationPlan:
     """Return the plan of a forest. The search for the order is cubic in the number of a part's branches.
 
     Args:
         topology: its graph.
         leaves: whether a chain of joints that only one closure needs is one step; otherwise every joint is a step.
-        cut: whether loops that share one body settle there one after the other; otherwise everything that is connected
-            is one part, in which chains of joints that end at one closure are always leaves.
-        rates: whether a part's columns are the rates of the joints below its root instead of the root's acceleration.
+        trunk: bodies one on the other over which the root moves, even if only one closure needs them; everything that
+            is connected is one part then. By default, loops that share one body settle there one after the other.
+        rates: whether the columns are the rates of the joints below a part's root instead of the root's acceleration.
     """
-    found, roots = parts_of_graph(topology, cut)
+    found, roots = parts_of_graph(topology, cut=trunk is None)
     rooted: dict[int, list[int]] = {}
     for i, part in enumerate(found):
         rooted.setdefault(part.root, []).append(i)
 
-    steps = tuple(ordered(topology, part, leaves, rates) for part in found)
+    steps = tuple(ordered(topology, part, leaves, trunk or (), rates) for part in found)
 
     def settled(vertex: int) -> Iterator[Settle | Condense]:
         for i in rooted.get(vertex, []):
@@ -113,7 +115,7 @@ def parts_of_graph(topology: Topology, cut: bool = True) -> tuple[list[ForestPar
 
     Args:
         topology: the graph.
-        cut: see `plan_of`.
+        cut: whether a part may settle at a body that it shares with another one.
     """
     edges = edges_of(topology)
     depth, roots, parts = depths(topology), [], []
