@@ -17,7 +17,6 @@ from holdfast.dynamics.closed.rccfd2 import rccfd2
 from holdfast.dynamics.closed.rccfd3 import rccfd3
 from holdfast.dynamics.closed.reduced_kkt import reduced_kkt
 from holdfast.dynamics.closed.sequential import sequential
-from holdfast.dynamics.tree.of_chain import tree
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.names import called
@@ -75,7 +74,6 @@ METHODS: Mapping[str, Method] = FrozenDict(
             Method("rccfd2", "(6.18)", _LINEAR, RIGID_REGULAR, True, rccfd2),
             Method("rccfd3", "(6.22)", _LINEAR, RIGID_REGULAR, True, rccfd3),
             Method("nonrigid", "(b.9)", _LINEAR, "all grasps, Omega regular", False, nonrigid),
-            Method("tree", "elimination of a forest", _FILTER, "every chain", False, tree, True),
         )
     }
 )

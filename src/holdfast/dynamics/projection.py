@@ -19,9 +19,9 @@ from holdfast.dynamics.arm.motion import ArmMotion, at_rest
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.held_rows import holding
-from holdfast.dynamics.closed.sequential import chain_filter
 from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.consistency import tip_from_contact
+from holdfast.dynamics.tree.of_chain import chain_elimination
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import ARRAYS, FLOATING, OBJECT, STATE, Row, state_fields
 from holdfast.questions.case import VariedCase
@@ -72,8 +72,9 @@ def constraint_impulses(
     tips = each(gap_response, motion.holding, mismatch)
     still = motion.at_rest_with(each(lambda c: replace(c, a=none, g=none), contacts))
     lone = each(lambda arm: gap_response(arm, none), [motion.arms[name] for name in motion.lone_on_trunk])
-    whole = chain_filter(still, tips, lone)
-    alpha, impulses = whole.found.object_acceleration, whole.found.wrenches
+    of_arms = dict(zip([*chain.grasps, *motion.lone_on_trunk], [*tips, *lone], strict=True))
+    whole = chain_elimination(chain, still.contacts, of_arms, still.body.free, still.trunk)
+    alpha, impulses = whole.object_acceleration, whole.wrenches
     changes = {name: np.zeros(arm.joint_count) for name, arm in chain.arms.items()}
     if whole.trunk is None:
         found = each(lambda tip, impulse: tip.back_substitute(impulse)[0], tips, impulses)
@@ -83,7 +84,7 @@ def constraint_impulses(
     of_arm |= {name: (tip, none) for name, tip in zip(motion.lone_on_trunk, lone, strict=True)}
     for name in [name for name in chain.arms if name in of_arm]:
         tip, impulse = of_arm[name]
-        changes[name] = tip.back_substitute(impulse, whole.of_columns(motion.trunk, name))[0]
+        changes[name] = tip.back_substitute(impulse, whole.columns.get(name))[0]
     return Change(concatenate([whole.trunk.qdd, *changes.values()]), alpha, whole.trunk.base), impulses
 
 

@@ -71,7 +71,7 @@ def constraint_pivots(chain: ClosedChain, state: State) -> Pivots:
         StateError: they overflow.
     """
     found = rest_response(chain_at_rest(chain, state))
-    checks.finite(np.append(found.object_acceleration, found.weakest_pivot), "the rank of the constraint")
+    checks.finite(np.append(found.mobility, found.weakest_pivot), "the rank of the constraint")
     return Pivots(int(found.rank), 1.0 / float(found.weakest_pivot))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resting
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.force_elements import deflection, with_force_elements
-from holdfast.dynamics.closed.object_filter import FactoredSolve
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, ObjectCase
@@ -94,7 +94,7 @@ class Solution:
         trunk: acceleration of the trunk; None without one.
         trunk_pivots: (n_t,) articulated inertias about the joints of the trunk.
         tips: per arm, its tip response, if the algorithm uses it.
-        solve_with_factors, second: as returned by the object's filter; see `ObjectSolution`.
+        factors, second: as returned by `chain_elimination`.
     """
 
     qdd: list[Array]
@@ -109,7 +109,7 @@ class Solution:
     trunk: TrunkAcceleration | None = None
     trunk_pivots: Array | None = None
     tips: list[TipResponse] = field(default_factory=list)
-    solve_with_factors: FactoredSolve | None = None
+    factors: Any = None
     second: tuple[list[Array], Array] | None = None
 
 

@@ -21,6 +21,7 @@ from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.closed.self_response import JOINT_ARGUMENTS, SelfResponse, joint_responses, self_response
 from holdfast.dynamics.closed.tip_response import RECURSION_PAYS_FROM, TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns
+from holdfast.dynamics.tree.of_chain import solved_again
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import ARRAYS, OF_JOINTS, OF_LINKS, OF_OBJECT, Shape, gradient_shapes
 from holdfast.spatial.linear import Linear
@@ -141,9 +142,8 @@ def direction(unit: Array, name: str, shape: Shape) -> Array:
 
 def unit_response(at: Point, unit: Array) -> tuple[list[Array], Array]:
     """Return the response of the chain at rest to one unit gap, or one unit component of a wrench on the object."""
-    assert at.found.solve_with_factors is not None
     count = len(at.motion.contacts)
-    return at.found.solve_with_factors([unit[6 * i : 6 * i + 6] for i in range(count)], unit[6 * count :])
+    return solved_again(at.found.factors, [unit[6 * i : 6 * i + 6] for i in range(count)], unit[6 * count :])
 
 
 def unit_wrenches(tip: TipResponse, arm: ArmMotion) -> ByWrench:

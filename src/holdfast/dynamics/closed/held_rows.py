@@ -11,7 +11,7 @@ rank, and the slope is a smooth function off the manifold, too, so the scheme ke
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact
-from holdfast.dynamics.closed.object_filter import ObjectSolution
+from holdfast.dynamics.tree.of_chain import ChainElimination
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, select, where
 
@@ -28,10 +28,23 @@ from holdfast.spatial.scalar import Array, Scalar, array, select, where
 TOLERANCES = (1e-2, 1e-4, 1e-8, RANK_TOLERANCE)
 
 
-Solve = Callable[[list[Contact], float], ObjectSolution]
+# What differs between solutions that impose different rows.
+CHOSEN = (
+    "wrenches",
+    "object_acceleration",
+    "rank",
+    "weakest_pivot",
+    "independent",
+    "trunk",
+    "betas",
+    "columns",
+    "pivots",
+)
+
+Solve = Callable[[list[Contact], float], ChainElimination]
 
 
-def strongest_rows(solve: Solve, contacts: list[Contact], generic_rank: Scalar) -> tuple[ObjectSolution, Array]:
+def strongest_rows(solve: Solve, contacts: list[Contact], generic_rank: Scalar) -> tuple[ChainElimination, Array]:
     """Return the solution that imposes the strongest independent rows at a closed state, and these rows. O(l).
 
     Its rank is the generic rank, or less at a singular configuration.
@@ -55,7 +68,7 @@ def strongest_rows(solve: Solve, contacts: list[Contact], generic_rank: Scalar) 
     return found, np.stack(held, axis=1)
 
 
-def _strongest(solve: Solve, contacts: list[Contact], generic_rank: Scalar | None) -> ObjectSolution:
+def _strongest(solve: Solve, contacts: list[Contact], generic_rank: Scalar | None) -> ChainElimination:
     """Return the solution with the largest pivots among those of the generic rank (None: of the rank at this state)."""
     rows = [c if c.held is not None else replace(c, held=np.ones(6)) for c in contacts]
     *stronger, found = [solve(rows, tolerance) for tolerance in TOLERANCES]
@@ -65,20 +78,22 @@ def _strongest(solve: Solve, contacts: list[Contact], generic_rank: Scalar | Non
     return found
 
 
-def _chosen(first: Scalar, a: ObjectSolution, b: ObjectSolution) -> ObjectSolution:
+def _chosen(first: Scalar, a: ChainElimination, b: ChainElimination) -> ChainElimination:
     """Return solution a if `first` is true, otherwise b; `first` may be a traced number."""
+    return a._replace(**{name: _either(first, getattr(a, name), getattr(b, name)) for name in CHOSEN})
 
-    def of(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-        return [select(first, one, other) for one, other in zip(x, y, strict=True)]
 
-    return ObjectSolution(
-        of(a.wrenches, b.wrenches),
-        select(first, a.object_acceleration, b.object_acceleration),
-        select(first, a.mobility, b.mobility),
-        where(first, a.rank, b.rank),
-        where(first, a.weakest_pivot, b.weakest_pivot),
-        of(a.independent, b.independent),
-    )
+def _either(first: Scalar, x: Any, y: Any) -> Any:
+    """Return x if `first` is true, otherwise y: numbers, arrays, and what consists of them."""
+    if x is None:
+        return None
+    if isinstance(x, Mapping):
+        return {name: _either(first, one, y[name]) for name, one in x.items()}
+    if isinstance(x, tuple) and hasattr(x, "_make"):
+        return x._make(_either(first, one, other) for one, other in zip(x, y, strict=True))
+    if isinstance(x, list | tuple):
+        return [_either(first, one, other) for one, other in zip(x, y, strict=True)]
+    return select(first, x, y) if isinstance(x, np.ndarray) and x.ndim else where(first, x, y)
 
 
 def _components(contacts: Sequence[Contact], independent: Sequence[Any]) -> Array:

@@ -27,6 +27,7 @@ class FreeBody(NamedTuple):
     Attributes:
         centre: (3,) p, from C to G [m].
         centripetal: (3,) w x (w x p), the acceleration of G relative to C due to the angular velocity.
+        inertia: M(G).
         mobility: M(G)^-1.
         D: six factors > 0 of the mobility, sum D w w^T.
         w: six columns of the mobility, (6,) each.
@@ -37,6 +38,7 @@ class FreeBody(NamedTuple):
 
     centre: Array
     centripetal: Array
+    inertia: Symmetric6
     mobility: Symmetric6
     D: list[Scalar]
     w: list[Array]
@@ -84,9 +86,8 @@ def object_motion(body: HeldObject, frame: Pose, twist: Array, wrench: Array) ->
     """
     R, free = frame.R, free_body(body, frame.R, twist[:3])
     spin = R @ _spin(body, R, twist[:3])
-    inertia = Symmetric6(mirrored(R @ body.inertia @ R.T), np.zeros((3, 3)), body.mass * np.eye(3))
     return ObjectMotion(
-        inertia.inertia_shifted(free.centre),
+        free.inertia.inertia_shifted(free.centre),
         free.mobility.mobility_shifted(-free.centre),
         shift_wrench(free.centre, concatenate([spin, body.mass * free.centripetal])),
         acceleration_at_C(free.centre, free.centripetal, free.acceleration),
@@ -106,8 +107,10 @@ def free_body(body: HeldObject | Link, R: Array, w: Array) -> FreeBody:
     p = R @ body.com  # from the origin to the mass centre
     inverse = symmetric_inverse(body.inertia)
     falling = concatenate([-(R @ (inverse @ _spin(body, R, w))), np.zeros(3)])  # the mass centre is not accelerated
-    mobility = Symmetric6(mirrored(R @ inverse @ R.T), np.zeros((3, 3)), (1.0 / body.mass) * np.eye(3))
-    return FreeBody(p, centripetal(w, p), mobility, *_factors(body, R), falling, np.zeros(6))
+    none, unit = np.zeros((3, 3)), np.eye(3)
+    inertia = Symmetric6(mirrored(R @ body.inertia @ R.T), none, body.mass * unit)
+    mobility = Symmetric6(mirrored(R @ inverse @ R.T), none, (1.0 / body.mass) * unit)
+    return FreeBody(p, centripetal(w, p), inertia, mobility, *_factors(body, R), falling, np.zeros(6))
 
 
 def _spin(body: HeldObject | Link, R: Array, w: Array) -> Array:

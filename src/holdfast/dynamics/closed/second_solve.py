@@ -21,6 +21,7 @@ from holdfast.dynamics.closed.chain_solution import contact_acceleration
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.tip_response import Route, TipResponse, responded, tip_response
 from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns
+from holdfast.dynamics.tree.of_chain import solved_again
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
 from holdfast.spatial.scalar import Array, each, each_of, scan
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
@@ -154,8 +155,7 @@ def second_solve(
         assert at.found.second is not None
         wrenches, alpha = at.found.second
     else:
-        assert at.found.solve_with_factors is not None
-        wrenches, alpha = at.found.solve_with_factors(gaps, wrench)
+        wrenches, alpha = solved_again(at.found.factors, gaps, wrench)
     found = each(
         lambda c, tip, load, f, own: arm_solution(c, tip, load, f + own, alpha),
         motion.contacts,

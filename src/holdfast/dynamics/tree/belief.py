@@ -104,7 +104,9 @@ class Belief(NamedTuple):
 
     def dense(self) -> Array | None:
         """Return the mobility as a matrix; None if it is in factors."""
-        return self.P.dense if isinstance(self.P, Untouched) else None if isinstance(self.P, FactoredMobility) else self.P
+        return (
+            self.P.dense if isinstance(self.P, Untouched) else None if isinstance(self.P, FactoredMobility) else self.P
+        )
 
     def in_factors(self) -> Belief:
         """Return the state with P in factors."""

@@ -13,17 +13,19 @@ of fewer than six joints between the root and the world, all are crossed togethe
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
 from holdfast.dynamics.tree.belief import Belief
 from holdfast.dynamics.tree.forest_motion import BodyMotion
 from holdfast.dynamics.tree.settled import SettledBody
 from holdfast.dynamics.tree.steps import Back, Inward
 from holdfast.model.forest import GROUND
 from holdfast.spatial.linalg import MaskedLDL, forward_substitution, ldl, ldl_solve
-from holdfast.spatial.scalar import Array, Scalar, array
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, where
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import Symmetric6, mirrored
 from holdfast.spatial.vector import outer
@@ -100,9 +102,7 @@ class AllCrossed(NamedTuple):
     factors: MaskedLDL
 
 
-def cross_all(
-    now: Belief, motions: list[BodyMotion], inertias: list[Symmetric6]
-) -> tuple[Belief, AllCrossed]:
+def cross_all(now: Belief, motions: list[BodyMotion], inertias: list[Symmetric6]) -> tuple[Belief, AllCrossed]:
     """Return the state with the world as the root, if the columns are the rates of the joints between.
 
     Args:
@@ -126,8 +126,15 @@ def forward_cross_all(side: Inward, bodies: Sequence[int], of: AllCrossed) -> Ar
 
 
 def back_cross_all(back: Back, of: AllCrossed, free: Array) -> Array:
-    """Return the joint accelerations, from the world outward; they are the columns from here on."""
-    back.beta_root = (free + ldl_solve(of.factors, back.stacked(of.frames) @ of.X))[::-1]
+    """Return the joint accelerations, from the world outward; they are the columns from here on.
+
+    They are NaN if the mass matrix is singular.
+    """
+    qdd = (free + ldl_solve(of.factors, back.stacked(of.frames) @ of.X))[::-1]
+    largest, first = reduce(maximum, of.factors.pivots, 0.0), qdd[0]
+    for pivot in of.factors.pivots:
+        first = where(pivot > LEAST_INERTIA * largest, first, float("nan"))
+    back.beta_root = concatenate([[first], qdd[1:]])
     return back.beta_root
 
 

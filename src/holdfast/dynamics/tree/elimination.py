@@ -10,14 +10,12 @@ The factors do not depend on the loads; with them, any right-hand side is solved
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.tip_response import responded
 from holdfast.dynamics.tree.belief import Belief, empty_belief
-from holdfast.dynamics.tree.forest_motion import ForestMotion, Limb
-from holdfast.dynamics.tree.leaves import back_leaves, forward_leaves, leaves_of, measure_leaves
 from holdfast.dynamics.tree.crossing import (
     AllCrossed,
     Crossed,
@@ -29,13 +27,15 @@ from holdfast.dynamics.tree.crossing import (
     forward_cross,
     forward_cross_all,
 )
+from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.dynamics.tree.leaves import back_leaves, forward_leaves, leaves_of, measure_leaves
 from holdfast.dynamics.tree.order import Cross, CrossAll, ForestPart, MeasureLeaves, PlanStep
 from holdfast.dynamics.tree.plan import Condense, EliminationPlan, Settle
 from holdfast.dynamics.tree.settled import SettledBody, settled_body
 from holdfast.dynamics.tree.steps import STEPS, Back, Inward, PartMotion, RightHandSide
 from holdfast.model.forest import GROUND
 from holdfast.spatial.linalg import RANK_TOLERANCE, ldl_solve
-from holdfast.spatial.scalar import Array, Scalar, concatenate, each, minimum
+from holdfast.spatial.scalar import Array, Scalar, minimum
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import Symmetric6, mirrored, symmetric6
 
@@ -45,23 +45,30 @@ class ForestSolution(NamedTuple):
 
     Attributes:
         qdd: per body, (m,) joint accelerations; of a free body, (6,) that of its mass centre.
-        beta: per body, (6,) acceleration that the joints add, about the body's point; None within limbs.
+        beta: per body, (6,) acceleration that the joints add, about the body's point.
         wrenches: per closure, (6,) wrench f of body a on body b about the contact point.
         multipliers: per coupling, lambda.
         rank: number of independent rows of the constraint on qd.
         weakest: the smallest pivot of these rows, relative to its size.
         pivots: per body, (m,) articulated inertias of its joint.
-        bases: per limb, (6,) wrench of its base on it.
     """
 
     qdd: list[Array]
-    beta: list[Any]
+    beta: list[Array]
     wrenches: list[Array]
     multipliers: list[Scalar]
     rank: Scalar
     weakest: Scalar
     pivots: list[Array]
-    bases: Sequence[Array] = ()
+
+
+class Outward(NamedTuple):
+    """Accelerations and forces for one right-hand side, by body, closure and coupling; without bodies of limbs."""
+
+    qdd: dict[int, Array]
+    beta: dict[int, Array]
+    wrenches: dict[int, Array]
+    multipliers: dict[int, Scalar]
 
 
 class Condensed(NamedTuple):
@@ -93,6 +100,30 @@ class ForestFactors(NamedTuple):
     settled: Mapping[int, SettledBody]
     parts: Mapping[int, Condensed]
 
+    @property
+    def rank(self) -> Scalar:
+        """Number of independent rows of the constraint on qd."""
+        return sum(one.belief.kept for one in self.parts.values())
+
+    @property
+    def weakest(self) -> Scalar:
+        """The smallest pivot of these rows, relative to its size."""
+        return reduce(minimum, [one.belief.weakest for one in self.parts.values()], 1.0)
+
+    def solution(self, found: Outward) -> ForestSolution:
+        """Return a solution as lists; only without limbs."""
+        motion = self.motion
+        order = range(len(motion.bodies))
+        return ForestSolution(
+            [found.qdd[k] for k in order],
+            [found.beta[k] for k in order],
+            [found.wrenches[i] for i in range(len(motion.closures))],
+            [found.multipliers[i] for i in range(len(motion.couplings))],
+            self.rank,
+            self.weakest,
+            [self.settled[k].factors.pivots for k in order],
+        )
+
 
 def solved(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
     """Return the accelerations and forces of a forest, after taking back what rounding left of its closures.
@@ -104,8 +135,10 @@ def solved(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
         motion: its motion.
         plan: the order.
     """
-    factors, first = factorised(motion, plan)
-    again = solve(factors, motion.at_rest_with(*left_over(motion, first)))
+    factors, (found,) = factorised(motion, plan)
+    first = factors.solution(found)
+    (rest,) = solve(factors, [right_hand_side(motion.at_rest_with(*left_over(motion, first)))])
+    again = factors.solution(rest)
 
     def both(x: list[Any], y: list[Any]) -> list[Any]:
         return [a + b for a, b in zip(x, y, strict=True)]
@@ -120,18 +153,19 @@ def solved(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
 
 def left_over(motion: ForestMotion, found: ForestSolution) -> tuple[list[Array], list[Scalar]]:
     """Return what accelerations leave of the rows of closures, (rows,) each, and of couplings: r - G qdd."""
-    forest, gaps, coupled = motion.forest, [], []
-    for closure, c in zip(forest.closures, motion.closures, strict=True):
-        left = c.r - c.on_b @ found.beta[closure.b]
-        gaps.append(left if closure.a is None else left - c.on_a @ found.beta[closure.a])
-    for coupling, r in zip(forest.couplings, motion.coupled, strict=True):
-        coupled.append(r - sum(c * found.qdd[k][component] for k, component, c in coupling.terms))
+    gaps, coupled = [], []
+    for (a, b), c in zip(motion.topology.ends, motion.closures, strict=True):
+        left = c.r - c.on_b @ found.beta[b]
+        gaps.append(left if a == GROUND else left - c.on_a @ found.beta[a])
+    for terms, r in zip(motion.couplings, motion.coupled, strict=True):
+        coupled.append(r - sum(c * found.qdd[k][component] for k, component, c in terms))
     return gaps, coupled
 
 
 def eliminated(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
     """Return the accelerations and forces of a forest, as the elimination leaves them; see `solved`."""
-    return factorised(motion, plan)[1]
+    factors, (found,) = factorised(motion, plan)
+    return factors.solution(found)
 
 
 def right_hand_side(motion: ForestMotion) -> RightHandSide:
@@ -142,28 +176,39 @@ def right_hand_side(motion: ForestMotion) -> RightHandSide:
         {k: body.free.acceleration - body.at.zeta for k, body in free.items()},
         motion.closures,
         motion.coupled,
-        motion.limbs,
-        motion.lone,
+        motion.all_limbs,
     )
 
 
 def factorised(
-    motion: ForestMotion, plan: EliminationPlan, tolerance: float = RANK_TOLERANCE
-) -> tuple[ForestFactors, ForestSolution]:
-    """Return the factors of a forest's equations, and the solution for its own loads.
+    motion: ForestMotion,
+    plan: EliminationPlan,
+    tolerance: float = RANK_TOLERANCE,
+    others: Sequence[RightHandSide] = (),
+) -> tuple[ForestFactors, list[Outward]]:
+    """Return the factors of a forest's equations, and the solutions for its own loads and for others.
 
     Args:
         motion: its motion.
         plan: the order.
         tolerance: relative size of a pivot that counts as zero.
+        others: further right-hand sides.
     """
-    sides = [Inward(right_hand_side(motion))]
+    factors, sides = inward(motion, plan, tolerance, others)
+    return factors, _outward(factors, sides)
+
+
+def inward(
+    motion: ForestMotion, plan: EliminationPlan, tolerance: float = RANK_TOLERANCE, others: Sequence[RightHandSide] = ()
+) -> tuple[ForestFactors, list[Inward]]:
+    """Return the factors, and every right-hand side carried inward; arguments as in `factorised`."""
+    sides = [Inward(rhs) for rhs in (right_hand_side(motion), *others)]
     settled: dict[int, SettledBody] = {}
     parts: dict[int, Condensed] = {}
     inertia, alone = _with_limbs(motion, sides)
     for step in plan.inward:
         if isinstance(step, Settle):
-            k, parent = step.body, motion.forest.topology.parents[step.body]
+            k, parent = step.body, motion.topology.parents[step.body]
             if k not in inertia:
                 continue  # within a limb
             settled[k] = settled_body(motion.bodies[k], inertia[k], alone=k in alone)
@@ -185,7 +230,7 @@ def factorised(
             if isinstance(one, MeasureLeaves):
                 now, found, kept = measure_leaves(now, sides, one, of)
             elif isinstance(one, Cross):
-                k, parent = one.body, motion.forest.topology.parents[one.body]
+                k, parent = one.body, motion.topology.parents[one.body]
                 inertia[k] = inertia[k].plus(symmetric6(now.N))
                 settled[k] = settled_body(motion.bodies[k], inertia[k], alone=False)
                 now, found = cross(now, settled[k], parent)
@@ -204,40 +249,48 @@ def factorised(
             for side, kept_of_side in zip(sides, kept, strict=True):
                 side.kept[step.part].append(kept_of_side)
         parts[step.part] = Condensed(of, now, factors)
-        if of.width and steps:
+        if part.root != GROUND and steps:
             inertia[part.root], alone = inertia[part.root].plus(symmetric6(now.N)), alone - {part.root}
             for side in sides:
                 side.load[part.root] = side.load[part.root] + side.on_root
-    found = ForestFactors(motion, plan, settled, parts)
-    return found, _outward(found, sides)[0]
+    return ForestFactors(motion, plan, settled, parts), sides
 
 
-def solve(factors: ForestFactors, motion: ForestMotion) -> ForestSolution:
-    """Return the accelerations and forces for other loads and right-hand sides at the same configuration."""
-    side, plan = Inward(right_hand_side(motion)), factors.plan
-    _with_limbs(motion, [side])
+def solve(factors: ForestFactors, others: Sequence[RightHandSide]) -> list[Outward]:
+    """Return the accelerations and forces for other right-hand sides at the same configuration."""
+    motion, plan, sides = factors.motion, factors.plan, [Inward(rhs) for rhs in others]
+    _with_limbs(motion, sides)
     for step in plan.inward:
         if isinstance(step, Settle):
             if step.body in factors.settled:
-                parent = motion.forest.topology.parents[step.body]
-                _settle(side, step.body, parent, factors.settled[step.body])
+                parent = motion.topology.parents[step.body]
+                for side in sides:
+                    _settle(side, step.body, parent, factors.settled[step.body])
             continue
-        part, condensed = plan.parts[step.part], factors.parts[step.part]
-        side.begin(step.part, first_columns(factors.motion, part, plan.steps[step.part]).shape[1])
-        _with_free_joints(condensed.belief, [side], motion, plan.steps[step.part])
-        for one, found in zip(plan.steps[step.part], condensed.factors, strict=True):
-            if isinstance(one, Cross | CrossAll):
-                if isinstance(one, Cross):
-                    kept = _cross(side, one.body, motion.forest.topology.parents[one.body], found)
-                else:
-                    kept = forward_cross_all(side, one.bodies, found)
-                side.kept[step.part].append(kept)
-                continue
-            forward = forward_leaves if isinstance(one, MeasureLeaves) else STEPS[type(one)].forward
-            side.kept[step.part].append(forward(side, one, found))
-        if condensed.of.width and plan.steps[step.part]:
-            side.load[part.root] = side.load[part.root] + side.on_root
-    return _outward(factors, [side])[0]
+        part, steps, condensed = plan.parts[step.part], plan.steps[step.part], factors.parts[step.part]
+        width = first_columns(motion, part, steps).shape[1]
+        for side in sides:
+            side.begin(step.part, width)
+        _with_free_joints(condensed.belief, sides, motion, steps)
+        for one, found in zip(steps, condensed.factors, strict=True):
+            for side in sides:
+                side.kept[step.part].append(_forward(side, one, found, motion))
+        if part.root != GROUND and steps:
+            for side in sides:
+                side.load[part.root] = side.load[part.root] + side.on_root
+    return _outward(factors, sides)
+
+
+def _forward(side: Inward, step: PlanStep, found: Any, motion: ForestMotion) -> Any:
+    """Take a right-hand side through a step; return what its way back needs."""
+    match step:
+        case MeasureLeaves():
+            return forward_leaves(side, step, found)
+        case Cross():
+            return _cross(side, step.body, motion.topology.parents[step.body], found)
+        case CrossAll():
+            return forward_cross_all(side, step.bodies, found)
+    return STEPS[type(step)].forward(side, step, found)
 
 
 def _with_limbs(motion: ForestMotion, sides: Sequence[Inward]) -> tuple[dict[int, Symmetric6], frozenset[int]]:
@@ -258,7 +311,7 @@ def _with_limbs(motion: ForestMotion, sides: Sequence[Inward]) -> tuple[dict[int
             carrying.add(limb.on)
     for side in sides:
         side.load = {k: side.rhs.bodies[k].load for k in inertia}
-        for limb in side.rhs.all_limbs:
+        for limb in side.rhs.limbs:
             base = limb.tip.base
             if base is not None:
                 side.load[limb.on] = side.load[limb.on] + shift_wrench(limb.offset, base.at_rest)
@@ -293,22 +346,20 @@ def first_columns(motion: ForestMotion, part: ForestPart, steps: Sequence[PlanSt
     return np.eye(6)[:, : 0 if part.root == GROUND else 6]
 
 
-def _with_free_joints(
-    now: Belief, sides: Sequence[Inward], motion: ForestMotion, steps: Sequence[PlanStep]
-) -> Belief:
+def _with_free_joints(now: Belief, sides: Sequence[Inward], motion: ForestMotion, steps: Sequence[PlanStep]) -> Belief:
     """Return the state with what the joints of limbs add to the equations of joint rates, if these are the columns."""
     rates = {step.bodies[-1] for step in steps if isinstance(step, CrossAll)}
     for limb in motion.all_limbs:
         if limb.on in rates and limb.tip.base is not None:
             now = now._replace(N=mirrored(now.N + limb.tip.base.Y))
     for side in sides:
-        for limb in side.rhs.all_limbs:
+        for limb in side.rhs.limbs:
             if limb.on in rates and limb.tip.base is not None:
                 side.on_root = side.on_root + limb.tip.base.wrench
     return now
 
 
-def _outward(factors: ForestFactors, sides: Sequence[Inward]) -> list[ForestSolution]:
+def _outward(factors: ForestFactors, sides: Sequence[Inward]) -> list[Outward]:
     """Return the solutions, from the world outward."""
     motion, plan = factors.motion, factors.plan
     count, backs = len(sides), [{} for _ in sides]
@@ -331,7 +382,7 @@ def _outward(factors: ForestFactors, sides: Sequence[Inward]) -> list[ForestSolu
                     continue
                 if isinstance(one, Cross):
                     for i, back in enumerate(now):
-                        below = beta[i][motion.forest.topology.parents[one.body]]
+                        below = beta[i][motion.topology.parents[one.body]]
                         k, nu = one.body, sides[i].nu[one.body]
                         qdd[i][k], beta[i][k] = back_cross(back, found, nu, below)
                     continue
@@ -342,12 +393,12 @@ def _outward(factors: ForestFactors, sides: Sequence[Inward]) -> list[ForestSolu
         elif step.body in factors.settled:
             for i in range(count):
                 _accelerate(factors, step, sides[i], backs[i], beta[i], qdd[i])
-    return [_solution(factors, sides[i], backs[i], beta[i], qdd[i]) for i in range(count)]
-
-
-def _of_columns(limb: Limb, beta: dict[int, Array], qdd: dict[int, Array]) -> Array:
-    """Return the accelerations of a limb's base columns."""
-    return concatenate([qdd[k] for k in limb.rates]) if limb.rates else beta[limb.on]
+    solutions = []
+    for i in range(count):
+        wrenches = {j: f for one in backs[i].values() for j, f in one.wrenches.items()}
+        multipliers = {j: x for one in backs[i].values() for j, x in one.multipliers.items()}
+        solutions.append(Outward(qdd[i], beta[i], wrenches, multipliers))
+    return solutions
 
 
 def _with_rates(bodies: Sequence[int], of: AllCrossed, a: Array, qdd: dict[int, Array], beta: dict[int, Array]) -> None:
@@ -375,42 +426,6 @@ def _accelerate(
             qdd[k] = beta[k] = backs[step.part].beta[k]
         return
     assert step.part is not None  # only free bodies are roots
-    moved = body.moved(beta[factors.motion.forest.topology.parents[k]][:, None])[:, 0]
+    moved = body.moved(beta[factors.motion.topology.parents[k]][:, None])[:, 0]
     qdd[k] = side.nu[k] + backs[step.part].extra.get(k, 0.0) - body.G.T @ moved
     beta[k] = moved + body.motion.H @ qdd[k]
-
-
-def _solution(
-    factors: ForestFactors,
-    side: Inward,
-    backs: Mapping[int, Back],
-    beta: dict[int, Array],
-    qdd: dict[int, Array],
-) -> ForestSolution:
-    """Return the solution, with the accelerations of the joints in limbs."""
-    motion, limbs = factors.motion, [*side.rhs.limbs.items(), *((None, limb) for limb in side.rhs.lone)]
-    wrenches = {i: f for one in backs.values() for i, f in one.wrenches.items()}
-    multipliers = {i: x for one in backs.values() for i, x in one.multipliers.items()}
-    found = each(
-        responded,
-        [limb.tip for _, limb in limbs],
-        [np.zeros(6) if i is None else -wrenches[i] if limb.is_b else wrenches[i] for i, limb in limbs],
-        [None if limb.tip.base is None else _of_columns(limb, beta, qdd) for _, limb in limbs],
-    )
-    for (_, limb), (own, _) in zip(limbs, found, strict=True):
-        qdd |= {k: own[[j]] for j, k in enumerate(limb.bodies)}
-    rank: Scalar = 0
-    weakest: Scalar = 1.0
-    for one in factors.parts.values():
-        rank, weakest = rank + one.belief.kept, minimum(weakest, one.belief.weakest)
-    order, none = range(len(motion.forest.bodies)), np.zeros(0)
-    return ForestSolution(
-        [qdd.get(k, none) for k in order],
-        [beta.get(k) for k in order],
-        [wrenches[i] for i in range(len(motion.forest.closures))],
-        [multipliers[i] for i in range(len(motion.forest.couplings))],
-        rank,
-        weakest,
-        [factors.settled[k].factors.pivots if k in factors.settled else none for k in order],
-        [base for _, base in found],
-    )

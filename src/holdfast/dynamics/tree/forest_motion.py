@@ -11,19 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.motion import ArmMotion, resting
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.object_motion import FreeBody, free_body
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.model.forest import Closure, Forest, ForestBody
+from holdfast.model.forest import Closure, Forest, ForestBody, Topology
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import acceleration_gradient, centripetal, shift_twist, shift_wrench
-from holdfast.spatial.symmetric import Symmetric6, mirrored
+from holdfast.spatial.symmetric import Symmetric6
 from holdfast.spatial.vector import cross
 
 _NONE = np.zeros(3)
@@ -146,20 +145,30 @@ class ForestMotion(NamedTuple):
     """A forest at one instant.
 
     Attributes:
-        forest: the forest.
-        bodies: its bodies.
+        forest: the forest, or what has its topology and couplings.
+        bodies: its bodies; None within limbs.
         closures: its closures.
         coupled: per coupling, the right-hand side of its row.
-        limbs: by closure, the chain of joints that it ends, if that is treated as one step.
-        lone: chains of joints without a closure that are treated so, too.
+        limbs: by closure, the limb that it ends; its response is one step.
+        lone: limbs without a closure.
     """
 
-    forest: Forest
-    bodies: list[BodyMotion]
+    forest: Any
+    bodies: list[Any]
     closures: list[ClosureMotion]
     coupled: list[Scalar]
     limbs: Mapping[int, Limb] = MappingProxyType({})
     lone: Sequence[Limb] = ()
+
+    @property
+    def topology(self) -> Topology:
+        """Its graph."""
+        return self.forest.topology
+
+    @property
+    def couplings(self) -> list[Sequence[tuple[int, int, float]]]:
+        """Per coupling, its terms."""
+        return [coupling.terms for coupling in self.forest.couplings]
 
     @property
     def all_limbs(self) -> list[Limb]:
@@ -180,35 +189,25 @@ class ForestMotion(NamedTuple):
             for body in self.bodies
         ]
         closures = [c.at_rest_with(r) for c, r in zip(self.closures, gaps, strict=True)]
-        limbs, lone = {i: limb.at_rest() for i, limb in self.limbs.items()}, [limb.at_rest() for limb in self.lone]
-        return self._replace(bodies=bodies, closures=closures, coupled=coupled, limbs=limbs, lone=lone)
+        return self._replace(bodies=bodies, closures=closures, coupled=coupled)
 
 
 class Limb(NamedTuple):
-    """A chain of joints that ends at one closure at most and that nothing else needs, with its response at its tip.
+    """A serial arm with its response at its tip, of which at most one closure needs more than its base.
 
     Attributes:
-        bodies: its bodies.
+        bodies: its bodies; none for an anchor.
         on: the body on which it stands; `GROUND` for the world.
         offset: (3,) from the point of that body to its base [m].
-        is_b: whether its end is body b of the closure.
-        motion: its motion, with six base columns if it stands on a body.
-        tip: its tip response, about the contact point.
-        rates: bodies whose joint rates are its base columns; empty if they are the acceleration of the body below.
+        tip: its tip response, with columns if it stands on a body.
+        rates: bodies whose joint rates are these columns; empty if they are the acceleration of the body below.
     """
 
-    bodies: tuple[int, ...]
+    bodies: Sequence[int]
     on: int
     offset: Array
-    is_b: bool
-    motion: ArmMotion
     tip: TipResponse
-    rates: tuple[int, ...] = ()
-
-    def at_rest(self) -> Limb:
-        """Return the limb at rest, without torques, wrenches and gravity."""
-        motion = resting(self.motion.arm, self.motion.at, self.motion.base_columns)
-        return self._replace(motion=motion, tip=self.tip.for_load(motion))
+    rates: Sequence[int] = ()
 
 
 def still_world(gravity: Array) -> Carrier:
@@ -283,11 +282,9 @@ def _floating(body: ForestBody, world: Carrier, q: Array, qd: Array, torque: Arr
     R, p = body.joint.displacement(q)
     free = free_body(body.link, R, qd[:3])
     at = Carrier(Pose.unchecked(R, p), free.centre, shift_twist(free.centre, qd), world.zeta)
-    turning, mass = mirrored(R @ body.link.inertia @ R.T), body.link.mass
-    inertia = Symmetric6(turning, np.zeros((3, 3)), mass * np.eye(3))
-    load = concatenate([cross(qd[:3], turning @ qd[:3]), mass * world.zeta[3:]])
+    load = concatenate([cross(qd[:3], free.inertia.aa @ qd[:3]), body.link.mass * world.zeta[3:]])
     pushed = shift_wrench(-free.centre, wrench + torque)
-    return BodyMotion(at, p + free.centre, np.eye(6), inertia, load, np.zeros(6), np.zeros(6), pushed, free)
+    return BodyMotion(at, p + free.centre, np.eye(6), free.inertia, load, np.zeros(6), np.zeros(6), pushed, free)
 
 
 def _closure(closure: Closure, a: Carrier, b: Carrier) -> ClosureMotion:

@@ -28,7 +28,6 @@ from holdfast.dynamics.closed.filter_updates import (
     terminal_sum,
 )
 from holdfast.dynamics.closed.measurement import Measurement, measurement, seen_along, size_at_centre
-from holdfast.dynamics.closed.object_filter import wrench_at_contact
 from holdfast.dynamics.closed.tip_response import BaseResponse, TipResponse
 from holdfast.dynamics.tree.belief import Belief, sizes_of_rows
 from holdfast.dynamics.tree.forest_motion import ClosureMotion
@@ -151,19 +150,19 @@ def _shifted(l: Array, columns: Array) -> Array:
 
 def right_hand_side(side: Inward, leaf: Leaf) -> Array:
     """Return r of a leaf's measurement, (rows,)."""
-    return seen_along(leaf.contact, leaf.seen, gap_of(side, leaf))
-
-
-def gap_of(side: Inward, leaf: Leaf) -> Array:
-    """Return the relative acceleration at a leaf's end without any force, (6,)."""
-    step, limb = leaf.step, side.rhs.limbs.get(leaf.step.closure)
-    at_rest = contact_of(side.rhs.closures[step.closure], step, limb=limb is not None)
-    if limb is not None:
-        return limb.tip.free_acceleration + at_rest.g - at_rest.a
-    c, free = side.rhs.closures[step.closure], np.zeros((6, 1))
-    for body, k in zip(leaf.joints, step.joints, strict=True):
-        free = body.carried(free) + (body.motion.H @ side.nu[k])[:, None]
-    return shift_twist(c.l_b if step.is_b else c.l_a, free[:, 0]) + at_rest.g - at_rest.a
+    step = leaf.step
+    if leaf.joints:
+        c, free = side.rhs.closures[step.closure], np.zeros((6, 1))
+        for body, k in zip(leaf.joints, step.joints, strict=True):
+            free = body.carried(free) + (body.motion.H @ side.nu[k])[:, None]
+        still = contact_of(c, step, limb=False)
+        gap = shift_twist(c.l_b if step.is_b else c.l_a, free[:, 0]) + still.g - still.a
+        return seen_along(leaf.contact, leaf.seen, gap)
+    return (
+        leaf.seen.r
+        if step.closure not in side.rhs.gaps
+        else seen_along(leaf.contact, leaf.seen, side.rhs.gaps[step.closure])
+    )
 
 
 def measure_leaves(
@@ -189,7 +188,9 @@ def measure_leaves(
             passing = passing._replace(P=P)
         passing, rows, frames = by_rows(passing, others, r[len(summed) :], now, of, lone=lone)
     elif ending:
-        passing, end, ends = by_last(passing, seen[-1], r[-1], [side.rhs.bodies[step.closes.body].wrench for side in sides])
+        passing, end, ends = by_last(
+            passing, seen[-1], r[-1], [side.rhs.bodies[step.closes.body].wrench for side in sides]
+        )
     now = now._replace(X=passing.X, P=passing.P, N=passing.N, kept=passing.kept, weakest=passing.weakest)
     now = now._replace(size=dict.fromkeys(now.size, passing.size)) if lone else now
     for side, x, load in zip(sides, passing.x, passing.load, strict=True):
@@ -200,7 +201,9 @@ def measure_leaves(
         now, closed = close_frame(now, step.closes, of)
         closes = [forward_close_frame(side, step.closes, closed) for side in sides]
     order = [*summed, *ending, *others]
-    factors = Leaves(order, frames, [u for u, _ in sums], end, [u for u, _, _ in rows], closed, [one[2] for one in rows])
+    factors = Leaves(
+        order, frames, [u for u, _ in sums], end, [u for u, _, _ in rows], closed, [one[2] for one in rows]
+    )
     kept = [
         Kept([nus[i] for _, nus in sums], ends[i], [nus[i] for _, nus, _ in rows], closes[i]) for i in range(len(sides))
     ]
@@ -214,7 +217,9 @@ def by_sum(now: Passing, m: Measurement, r: list[Array]) -> tuple[Passing, tuple
     return now._replace(size=minimum(now.size, size_at_centre(m.extent))), (update, nus)
 
 
-def by_last(now: Passing, m: Measurement, r: list[Array], w: list[Array]) -> tuple[Passing, list[TerminalSum], list[Any]]:
+def by_last(
+    now: Passing, m: Measurement, r: list[Array], w: list[Array]
+) -> tuple[Passing, list[TerminalSum], list[Any]]:
     """Return the state after the leaf with which a free body leaves, its factors, and what the way back needs."""
     ((included, end),) = each(lambda m: terminal_sum(now.X, now.P, m, now.size), [m])
     (sides,) = each(lambda end, r: [end.forward(*side) for side in zip(now.x, r, w, strict=True)], [end], [r])
@@ -257,7 +262,7 @@ def by_rows(
 
 def forward_leaves(side: Inward, step: MeasureLeaves, of: Leaves) -> Kept:
     """Carry another right-hand side through leaves that have been included; return what its way back needs."""
-    r = each(seen_along, *zip(*((leaf.contact, leaf.seen, gap_of(side, leaf)) for leaf in of.leaves), strict=True))
+    r = each(lambda leaf: right_hand_side(side, leaf), of.leaves)
     (x, load), sums = scan(_passed, (side.x, side.on_root), of.sums, r[: len(of.sums)])
     if of.end:
         w = side.rhs.bodies[step.closes.body].wrench
@@ -332,7 +337,9 @@ def _at_lone_body(now: Belief, step: MeasureLeaves) -> bool:
     return alone and all(one.of in (None, ROOT) and one.other in now.frames for one in step.leaves)
 
 
-def _after(now: Passing, included: Included, update: ParallelSum | RowSums, r: list[Array]) -> tuple[Passing, list[Any]]:
+def _after(
+    now: Passing, included: Included, update: ParallelSum | RowSums, r: list[Array]
+) -> tuple[Passing, list[Any]]:
     """Return the state after a leaf, and nu of every right-hand side."""
     sides = [update.forward(x, one) for x, one in zip(now.x, r, strict=True)]
     passed = now._replace(
@@ -401,3 +408,8 @@ def _rows_of(frame: int | None, frames: Mapping[int | None, int]) -> slice:
             return slice(start, start + size)
         start += size
     raise KeyError(frame)
+
+
+def wrench_at_contact(about: Contact, from_leaf: Array) -> Array:
+    """Return a leaf's wrench about its contact point, exactly 0 along the grasp's freedoms, (6,)."""
+    return about.transmissible(shift_wrench(-about.offset, from_leaf))

@@ -1,116 +1,267 @@
-"""The solution of a closed chain by the elimination of its forest, in which every arm is a limb."""
+"""A closed chain as a forest in which every arm is a limb: the elimination of its object and of its trunk.
+
+The arms' tip responses are given; whoever calls decides how they are found, and with which loads. One part holds
+everything: the object, the arms as leaves of the trunk's bodies and of the world, and the joints of the trunk, over
+which the root moves from the outermost body inward (docs/theory/tree.md, docs/theory/trunk.md).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.contact import Contact
-from holdfast.dynamics.closed.object_motion import acceleration_at_C
-from holdfast.dynamics.closed.tip_response import Route, tip_response
-from holdfast.dynamics.tree.elimination import ForestSolution, factorised
+from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
+from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.dynamics.tree.elimination import ForestFactors, Outward, factorised, inward, solve
 from holdfast.dynamics.tree.forest_motion import BodyMotion, Carrier, ClosureMotion, ForestMotion, Limb
-from holdfast.dynamics.tree.plan import plan_of
-from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkBody
-from holdfast.errors import MethodNotApplicable
-from holdfast.model.chain_forest import ChainForest, chain_forest
-from holdfast.model.forest import GROUND
+from holdfast.dynamics.tree.leaves import Leaves
+from holdfast.dynamics.tree.order import CloseFrame, CrossAll, MeasureLeaves, PlanStep
+from holdfast.dynamics.tree.plan import EliminationPlan, plan_of
+from holdfast.dynamics.tree.steps import RightHandSide
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkBody, TrunkMotion
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.forest import GROUND, Topology
+from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import array, concatenate, each
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+from holdfast.spatial.symmetric import symmetric6
 
 _NONE = np.zeros(3)
 
 
-def tree(motion: ChainMotion, route: Route = "auto") -> Solution:
-    """Return the solution of a chain as a forest: O(n) + O(l), in the order of its plan.
+class ChainGraph(NamedTuple):
+    """The graph of a chain: the bodies of the trunk, then those of the arms in order, and the object.
 
-    Raises:
-        MethodNotApplicable: the rows to impose are given.
+    Attributes:
+        topology: the graph.
+        trunk: the bodies of the trunk, beginning with a floating base.
+        arms: by name, the bodies of every arm; none for an anchor.
+        held_object: the object's body.
+        closures: by the name of an arm, the closure of its grasp; none for a bushing.
+        grasps: names of the arms with a grasp.
+        couplings: none.
     """
-    if any(c.held is not None for c in motion.contacts):
-        raise MethodNotApplicable("chooses the rows that it imposes by their pivots; try method='sequential'")
-    found = _forest_of(motion.chain)
-    of_forest = motion_of_chain(motion, found, route)
-    rates = motion.trunk is not None and motion.trunk.by_joints
-    _, whole = factorised(of_forest, plan_of(found.forest.topology, trunk=tuple(found.trunk), rates=rates))
-    return _of_chain(motion, found, of_forest, whole)
+
+    topology: Topology
+    trunk: range
+    arms: Mapping[str, range]
+    held_object: int
+    closures: Mapping[str, int]
+    grasps: Sequence[str]
+    couplings: tuple[()] = ()
 
 
-def _of_chain(motion: ChainMotion, found: ChainForest, of_forest: ForestMotion, whole: ForestSolution) -> Solution:
-    """Return the solution of a chain from that of its forest."""
-    chain, free, none = motion.chain, motion.body.free, np.zeros(6)
-    qdd = {name: concatenate([np.zeros(0), *(whole.qdd[k] for k in own)]) for name, own in found.arms.items()}
-    bases = dict(zip(_names_of_limbs(motion, found), whole.bases, strict=True))
-    trunk, pivots = None, None
-    if motion.trunk is not None:
-        first = 1 if chain.floats else 0
-        joints = found.trunk[first:]
-        trunk = TrunkAcceleration(
-            concatenate([np.zeros(0), *(whole.qdd[k] for k in joints)]), whole.beta[0] if chain.floats else None
-        )
-        pivots = concatenate([np.zeros(0), *(whole.pivots[k] for k in found.trunk)])
-    tips = {limb.motion.arm.name: limb.tip for limb in of_forest.all_limbs}
-    return Solution(
-        [qdd[name] for name in chain.grasps],
-        [whole.wrenches[found.closures[name]] if name in found.closures else none for name in chain.grasps],
-        acceleration_at_C(free.centre, free.centripetal, whole.beta[found.held_object]),
-        base_wrenches=[bases[name] for name in chain.grasps],
-        rank=whole.rank + chain.contact_freedom_count,
-        weakest_pivot=whole.weakest,
-        trunk=trunk,
-        trunk_pivots=pivots,
-    )
+class ChainFactors(NamedTuple):
+    """The factors of a chain, for further right-hand sides.
+
+    Attributes:
+        graph: its graph.
+        free: the object.
+        forest: factors of the forest.
+    """
+
+    graph: ChainGraph
+    free: FreeBody
+    forest: ForestFactors
 
 
-_forest_of = lru_cache(maxsize=8)(chain_forest)  # chains are frozen, and compared by identity
+class ChainElimination(NamedTuple):
+    """The accelerations and forces of a chain, without those of the arms' joints.
+
+    Attributes:
+        wrenches: per grasp, (6,) f about the contact point, world axes.
+        object_acceleration: (6,) alpha(C) minus [0; g], world axes.
+        rank: number of independent rows of the constraint, contact freedoms included.
+        weakest_pivot: the smallest pivot for an independent row, relative to a typical one.
+        independent: per grasp, (rows,) 1 for the independent rows, if the contacts have masks of rows.
+        factors: for further right-hand sides.
+        trunk: acceleration of the trunk; None without one.
+        betas: per body of the trunk, beta (6,).
+        columns: by arm on the trunk, the accelerations of its columns, (c,).
+        pivots: inertias about the trunk's joints, > 0 if its mass matrix is regular; None without a trunk.
+        second: for the argument `second`, its wrenches and its object acceleration.
+    """
+
+    wrenches: list[Array]
+    object_acceleration: Array
+    rank: Scalar
+    weakest_pivot: Scalar
+    independent: list[Array]
+    factors: ChainFactors
+    trunk: TrunkAcceleration | None = None
+    betas: Sequence[Array] = ()
+    columns: Mapping[str, Array] = MappingProxyType({})
+    pivots: Array | None = None
+    second: tuple[list[Array], Array] | None = None
 
 
-def motion_of_chain(motion: ChainMotion, found: ChainForest, route: Route = "auto") -> ForestMotion:
-    """Return the motion of a chain's forest, in which every arm is a limb.
+def chain_elimination(
+    chain: ClosedChain,
+    contacts: Sequence[Contact],
+    tips: Mapping[str, TipResponse],
+    free: FreeBody,
+    trunk: TrunkMotion | None = None,
+    tolerance: float = RANK_TOLERANCE,
+    second: tuple[list[Array], Array] | None = None,
+) -> ChainElimination:
+    """Return grasp wrenches, and the accelerations of object and trunk. O(l) + O(n_t).
 
     Args:
-        motion: the chain's motion.
-        found: its forest.
-        route: method for the tip responses, see `tip_response`.
+        chain: the chain.
+        contacts: the grasps, in the order of the arms that have one.
+        tips: by name, the tip responses of these arms, and of those on the trunk without a grasp.
+        free: the object.
+        trunk: the trunk's motion.
+        tolerance: relative size of a pivot that counts as zero.
+        second: arguments of `solved_again` that are known in advance; only without a trunk.
     """
-    chain, forest = motion.chain, found.forest
-    bodies: list[BodyMotion | None] = [None] * len(forest.bodies)
-    arms = {name: (GROUND, _NONE, arm) for name, arm in motion.arms.items()}
-    rates = tuple(found.trunk) if motion.trunk is not None and motion.trunk.by_joints else ()
-    if motion.trunk is not None:
-        bodies[: len(found.trunk)] = [_trunk_body(body) for body in motion.trunk.bodies]
-        for name, mount in motion.trunk.mounts.items():
-            arms[name] = mount.body, mount.offset, motion.arms[name]
-    bodies[found.held_object] = _object(motion)
-    names = [name for name in chain.arms if name in chain.grasps or arms[name][0] != GROUND]
-    tips = each(lambda arm: tip_response(arm, route), [arms[name][2] for name in names])
-    limbs = {
-        name: Limb(tuple(found.arms[name]), on, offset, False, arm, tip, rates if on != GROUND else ())
-        for name, tip in zip(names, tips, strict=True)
-        for on, offset, arm in [arms[name]]
-    }
-    about = each(lambda c: c.about(motion.body.free.centre, motion.body.free.centripetal), motion.contacts)
-    contacts = dict(zip(chain.grasps, about, strict=True))
-    closures = [_closure(contacts[name], limbs[name]) for name in found.closures]
-    closed = {i: limbs.pop(name) for name, i in found.closures.items()}
-    return ForestMotion(forest, bodies, closures, [], closed, list(limbs.values()))
-
-
-def _names_of_limbs(motion: ChainMotion, found: ChainForest) -> Sequence[str]:
-    """Return the names of the limbs, in their order."""
-    chain = motion.chain
-    others = [name for name in chain.arms if name in chain.grasps or name in chain.mounted_on]
-    return [*found.closures, *(name for name in others if name not in found.closures)]
-
-
-def _closure(c: Contact, limb: Limb) -> ClosureMotion:
-    arm = limb.motion
-    return ClosureMotion(
-        c, arm.at.tip, limb.offset + arm.base_to_tip, c.offset, c.g, arm.bias.tip_acceleration, c.a
+    graph, about = chain_graph(chain), each(lambda c: c.about(free.centre, free.centripetal), contacts)
+    motion = _forest_motion(chain, graph, about, tips, free, trunk)
+    others = [] if second is None else [_at_rest(graph, motion, free, *second)]
+    forest, (found, *more) = factorised(motion, _plan(graph, trunk), tolerance, others)
+    factors = ChainFactors(graph, free, forest)
+    whole = ChainElimination(
+        _wrenches(factors, found),
+        acceleration_at_C(free.centre, free.centripetal, found.beta[graph.held_object]),
+        forest.rank + chain.contact_freedom_count,
+        forest.weakest,
+        _independent(graph, forest),
+        factors,
+        second=None if second is None else _of_object(factors, more[0]),
     )
+    if trunk is None:
+        return whole
+    first = 1 if trunk.floats else 0
+    qdd = concatenate([np.zeros(0), *(found.qdd[k] for k in graph.trunk[first:])])
+    on = {name: mount.body for name, mount in trunk.mounts.items() if name in tips}
+    return whole._replace(
+        trunk=TrunkAcceleration(qdd, found.qdd[0] if trunk.floats else None),
+        betas=[found.beta[k] for k in graph.trunk],
+        columns={name: qdd if trunk.by_joints else found.beta[k] for name, k in on.items()},
+        pivots=_pivots(graph, forest),
+    )
+
+
+def solved_again(factors: ChainFactors, gaps: Sequence[Array], wrench: Array) -> tuple[list[Array], Array]:
+    """Return the wrenches and the object acceleration of a chain without a trunk, at rest, for other loads. O(l).
+
+    Args:
+        factors: the factors of the chain.
+        gaps: per grasp, (6,) relative acceleration at the tip without any force, about the contact point.
+        wrench: (6,) wrench on the object about C, world axes.
+    """
+    rhs = _at_rest(factors.graph, factors.forest.motion, factors.free, gaps, wrench)
+    (found,) = solve(factors.forest, [rhs])
+    return _of_object(factors, found)
+
+
+class RestResponse(NamedTuple):
+    """A chain's response at a configuration.
+
+    Attributes:
+        mobility: (6, 6) of the object in the chain at C, world axes.
+        rank: number of independent rows of the constraint, contact freedoms included.
+        weakest_pivot: the smallest pivot of these rows, relative to a typical one.
+    """
+
+    mobility: Array
+    rank: Scalar
+    weakest_pivot: Scalar
+
+
+def object_response(
+    chain: ClosedChain,
+    contacts: Sequence[Contact],
+    tips: Mapping[str, TipResponse],
+    free: FreeBody,
+    trunk: TrunkMotion | None = None,
+) -> RestResponse:
+    """Return the mobility of a chain's object, which stays open to the end. O(l) + O(n_t); see `chain_elimination`."""
+    graph, about = chain_graph(chain), each(lambda c: c.about(free.centre, free.centripetal), contacts)
+    motion, plan = _forest_motion(chain, graph, about, tips, free, trunk), _plan(graph, trunk)
+    left_open = tuple(tuple(one for step in steps for one in _without_closing(step)) for steps in plan.steps)
+    forest, _ = inward(motion, plan._replace(steps=left_open))
+    (open_to_the_end,) = [one.belief for one in forest.parts.values() if one.belief.frames]
+    P = open_to_the_end.dense()
+    mobility = symmetric6(open_to_the_end.factors.dense() if P is None else P)
+    rank = forest.rank + chain.contact_freedom_count
+    return RestResponse(mobility.mobility_shifted(-free.centre).dense(), rank, forest.weakest)
+
+
+def _without_closing(step: PlanStep) -> list[PlanStep]:
+    if isinstance(step, MeasureLeaves):
+        return [step._replace(closes=None)]
+    return [] if isinstance(step, CloseFrame) else [step]
+
+
+def chain_graph(chain: ClosedChain) -> ChainGraph:
+    """Return the graph of a chain."""
+    count = 0 if chain.trunk is None else len(chain.trunk.bodies)
+    floats = chain.trunk is not None and chain.trunk.floating is not None
+    parents = [*range(-1, count - 1)]
+    arms: dict[str, range] = {}
+    ends: list[tuple[int, int]] = []
+    for name, arm in chain.arms.items():
+        start = len(parents)
+        arms[name] = range(start, start + arm.joint_count)
+        parents += [_standing_on(chain, name), *range(start, start + arm.joint_count - 1)][: arm.joint_count]
+    held = len(parents)
+    closures: dict[str, int] = {}
+    for name, grasp in chain.grasps.items():
+        if grasp.of_kind.bushing is None:
+            closures[name] = len(ends)
+            ends.append((arms[name][-1] if arms[name] else _standing_on(chain, name), held))
+    free = tuple((floats and k == 0) or k == held for k in range(held + 1))
+    return ChainGraph(
+        Topology((*parents, GROUND), free, tuple(ends), ()), range(count), arms, held, closures, [*chain.grasps]
+    )
+
+
+def _standing_on(chain: ClosedChain, name: str) -> int:
+    body = chain.mounted_on.get(name)
+    return GROUND if body is None else body
+
+
+def _plan(graph: ChainGraph, trunk: TrunkMotion | None) -> EliminationPlan:
+    rates = trunk is not None and trunk.by_joints
+    return plan_of(graph.topology, trunk=tuple(graph.trunk), rates=rates)
+
+
+def _forest_motion(
+    chain: ClosedChain,
+    graph: ChainGraph,
+    contacts: Sequence[Contact],
+    tips: Mapping[str, TipResponse],
+    free: FreeBody,
+    trunk: TrunkMotion | None,
+) -> ForestMotion:
+    """Return the motion of a chain's forest, in which every arm is a limb."""
+    bodies: list[BodyMotion | None] = [None] * len(graph.topology.parents)
+    if trunk is not None:
+        bodies[: len(graph.trunk)] = [_trunk_body(body) for body in trunk.bodies]
+    bodies[graph.held_object] = _object(free)
+    limbs = {name: _limb(graph, trunk, name, tip) for name, tip in tips.items()}
+    about = dict(zip(chain.grasps, contacts, strict=True))
+    closures = [_closure(about[name]) for name in graph.closures]
+    closed = {i: limbs.pop(name) for name, i in graph.closures.items()}
+    return ForestMotion(graph, bodies, closures, [], closed, list(limbs.values()))
+
+
+def _limb(graph: ChainGraph, trunk: TrunkMotion | None, name: str, tip: TipResponse) -> Limb:
+    mount = None if trunk is None else trunk.mounts.get(name)
+    if trunk is None or mount is None:
+        return Limb(graph.arms[name], GROUND, _NONE, tip)
+    return Limb(graph.arms[name], mount.body, mount.offset, tip, graph.trunk if trunk.by_joints else ())
+
+
+def _closure(c: Contact) -> ClosureMotion:
+    """Return a grasp as a closure; the free acceleration of the arm is part of its response."""
+    return ClosureMotion(c, Pose.identity(), _NONE, c.offset, c.g, np.zeros(6), c.a)
 
 
 def _trunk_body(body: TrunkBody) -> BodyMotion:
@@ -121,10 +272,54 @@ def _trunk_body(body: TrunkBody) -> BodyMotion:
     return BodyMotion(at, body.reach, body.H[:, None], body.inertia.symmetric(), body.wrench, torque, armature, none)
 
 
-def _object(motion: ChainMotion) -> BodyMotion:
-    """Return the object about its mass centre, without gravity: its accelerations are less [0; g]."""
-    free, none = motion.body.free, np.zeros(6)
+def _object(free: FreeBody) -> BodyMotion:
+    """Return the object about its mass centre; its accelerations are less [0; g], as zeta = 0."""
+    none = np.zeros(6)
     at = Carrier(Pose.identity(), free.centre, none, none)
-    inertia = motion.body.inertia.inertia_shifted(-free.centre)
-    return BodyMotion(at, free.centre, np.eye(6), inertia, none, none, none, free.wrench, free)
+    return BodyMotion(at, free.centre, np.eye(6), free.inertia, none, none, none, free.wrench, free)
 
+
+def _at_rest(
+    graph: ChainGraph, motion: ForestMotion, free: FreeBody, gaps: Sequence[Array], wrench: Array
+) -> RightHandSide:
+    """Return the right-hand side of a chain without a trunk at rest; see `solved_again`."""
+    none = np.zeros(6)
+    bodies = [*motion.bodies]
+    bodies[graph.held_object] = bodies[graph.held_object]._replace(wrench=shift_wrench(-free.centre, wrench))
+    pairs = zip(graph.grasps, gaps, strict=True)
+    by_closure = {graph.closures[name]: gap for name, gap in pairs if name in graph.closures}
+    return RightHandSide(bodies, {graph.held_object: none}, motion.closures, [], [], by_closure)
+
+
+def _of_object(factors: ChainFactors, found: Outward) -> tuple[list[Array], Array]:
+    """Return wrenches and the acceleration of the object's origin at rest."""
+    alpha = shift_twist(-factors.free.centre, found.beta[factors.graph.held_object])
+    return _wrenches(factors, found), alpha
+
+
+def _wrenches(factors: ChainFactors, found: Outward) -> list[Array]:
+    """Return the wrench of every grasp; none along the rows that a bushing does not have."""
+    closures, none = factors.graph.closures, np.zeros(6)
+    return [found.wrenches[closures[name]] if name in closures else none for name in factors.graph.grasps]
+
+
+def _independent(graph: ChainGraph, forest: ForestFactors) -> list[Array]:
+    """Return per grasp which of its rows are independent; empty if they have no masks."""
+    found: dict[int, Array | None] = {}
+    for part in forest.parts.values():
+        for leaves in part.factors:
+            if isinstance(leaves, Leaves):
+                by_rows = leaves.leaves[len(leaves.leaves) - len(leaves.rows) :]
+                pairs = zip(by_rows, leaves.independent, strict=True)
+                found |= {leaf.step.closure: independent for leaf, independent in pairs}
+    masks = [found.get(graph.closures[name]) if name in graph.closures else np.zeros(0) for name in graph.grasps]
+    return [mask for mask in masks if mask is not None]
+
+
+def _pivots(graph: ChainGraph, forest: ForestFactors) -> Array:
+    """Return the inertias about the trunk's joints, (n_t,)."""
+    (steps,), (part,) = forest.plan.steps, forest.parts.values()
+    for step, found in zip(steps, part.factors, strict=True):
+        if isinstance(step, CrossAll):
+            return found.factors.pivots[::-1]
+    return concatenate([np.zeros(0), *(forest.settled[k].factors.pivots for k in graph.trunk)])

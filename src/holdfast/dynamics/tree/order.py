@@ -169,7 +169,6 @@ class Branches:
                 children[topology.parents[k]].append(k)
         return Branches(topology, part, closures_at, noted, {v: sorted(ks) for v, ks in children.items()})
 
-
     def above(self, vertex: int) -> list[int]:
         """Return a body and those on which it hangs, from itself inward."""
         found = []
@@ -369,7 +368,7 @@ class Front:
 
 
 def ordered(
-    topology: Topology, part: ForestPart, leaves: bool = True, trunk: Sequence[int] = (), rates: bool = False
+    topology: Topology, part: ForestPart, leaves: bool = True, trunk: Sequence[int] | None = None, rates: bool = False
 ) -> tuple[PlanStep, ...]:
     """Return the steps of a part: always the way after which the fewest numbers are open.
 
@@ -377,13 +376,14 @@ def ordered(
         topology: the forest's graph.
         part: the part.
         leaves: whether chains to one closure are one step.
-        trunk: bodies over which the root moves, even if only one closure needs them.
+        trunk: bodies over which the root moves, even if only one closure needs them; a closure of what does not move
+            with a free body is a leaf without joints then. None if the part may decide.
         rates: whether the root moves over consecutive joints in one step.
     """
     if not part.closures and not part.couplings:
         return ()
     of = Branches.of(topology, part)
-    backbone = of.backbone(trunk) if leaves else []
+    backbone = of.backbone(trunk or ()) if leaves else []
     now = Front(
         of,
         (),
@@ -399,7 +399,8 @@ def ordered(
     now = _searched(now._closed())
     for _ in backbone:
         now = _searched(now.crossed())
-    steps = _with_leaves(now.steps, topology) if leaves else now.steps
+    steps = now.steps if trunk is None else [_leaf_without_joints(step) for step in now.steps]
+    steps = _with_leaves(steps, topology) if leaves else now.steps
     bodies = tuple(step.body for step in reversed(steps) if isinstance(step, Cross))
     if not (rates and bodies):
         return steps
@@ -429,7 +430,7 @@ def _with_leaves(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanSte
     i = 0
     while i < len(steps):
         step, last = steps[i], found[-1] if found else None
-        leaf, count = _leaf(steps[i:], topology)
+        leaf, count = (step, 1) if isinstance(step, MeasureLeaf) else _leaf(steps[i:], topology)
         if isinstance(leaf, MeasureLeaf):
             at = len(found)
             while at and isinstance(found[at - 1], Measure | Couple):
@@ -445,6 +446,13 @@ def _with_leaves(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanSte
             found.append(leaf)
         i += count
     return tuple(found)
+
+
+def _leaf_without_joints(step: PlanStep) -> PlanStep | MeasureLeaf:
+    """Return a closure of the root or the world with a free body's frame as a leaf."""
+    if isinstance(step, Measure) and step.a in (ROOT, None) and step.b not in (ROOT, None):
+        return MeasureLeaf(step.a, (), step.closure, False, step.b)
+    return step
 
 
 def _closes_with(leaves: MeasureLeaves, step: PlanStep) -> bool:

@@ -77,7 +77,7 @@ def plan_of(
     for i, part in enumerate(found):
         rooted.setdefault(part.root, []).append(i)
 
-    steps = tuple(ordered(topology, part, leaves, trunk or (), rates) for part in found)
+    steps = tuple(ordered(topology, part, leaves, trunk, rates) for part in found)
 
     def settled(vertex: int) -> Iterator[Settle | Condense]:
         for i in rooted.get(vertex, []):

@@ -23,9 +23,8 @@ import numpy as np
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility
 from holdfast.dynamics.closed.measurement import size_at_centre
-from holdfast.dynamics.closed.object_filter import LEAST_MOBILE
 from holdfast.dynamics.tree.belief import Belief, MeasuredRows, sizes_of_rows, with_measurement
-from holdfast.dynamics.tree.forest_motion import BodyMotion, ClosureMotion, ForestMotion, Limb
+from holdfast.dynamics.tree.forest_motion import ClosureMotion, ForestMotion, Limb
 from holdfast.dynamics.tree.order import (
     ROOT,
     AddFree,
@@ -40,29 +39,28 @@ from holdfast.dynamics.tree.settled import SettledBody
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, scan
 
+LEAST_MOBILE = 1e-16  # relative to a free body's own mobility
+
 
 class RightHandSide(NamedTuple):
     """Loads and right-hand sides of the rows of a forest, on which its factors do not depend.
 
     Attributes:
-        bodies: per body, its loads, torques and external wrenches.
+        bodies: per body, its loads, torques and external wrenches; None within limbs.
         falling: by free body, its acceleration without an external wrench, if nothing hangs on it.
         closures: the closures, of which only the right-hand sides matter.
         coupled: per coupling, the right-hand side of its row.
-        limbs, lone: limbs, by closure, and without one.
+        limbs: limbs on bodies, of which only the loads on their columns matter.
+        gaps: by closure of a limb, (6,) relative acceleration at its tip without any force; without it, that of the
+            limb's measurement.
     """
 
-    bodies: list[BodyMotion]
+    bodies: Sequence[Any]
     falling: Mapping[int, Array]
-    closures: list[ClosureMotion]
-    coupled: list[Scalar]
-    limbs: Mapping[int, Limb]
-    lone: Sequence[Limb]
-
-    @property
-    def all_limbs(self) -> list[Limb]:
-        """Limbs with and without a closure."""
-        return [*self.limbs.values(), *self.lone]
+    closures: Sequence[ClosureMotion]
+    coupled: Sequence[Scalar]
+    limbs: Sequence[Limb] = ()
+    gaps: Mapping[int, Array] = MappingProxyType({})
 
 
 @dataclass
@@ -283,7 +281,7 @@ def back_measure(back: Back, step: Measure, of: Imposed, nus: list[Scalar]) -> N
 def couple(now: Belief, step: Couple, of: PartMotion) -> tuple[Belief, Imposed]:
     """Impose a coupling between noted accelerations."""
     frames, on = dict(step.noted), {}
-    for body, component, coefficient in of.motion.forest.couplings[step.coupling].terms:
+    for body, component, coefficient in of.motion.couplings[step.coupling]:
         frame = frames[body]
         row = coefficient * np.eye(now.frames[frame])[component][None]
         on[frame] = on.get(frame, 0.0) + row

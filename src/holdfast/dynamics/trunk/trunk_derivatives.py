@@ -19,7 +19,7 @@ from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.second_solve import Load, Point, arm_solution, loaded_response, right_hand_side
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmUnknowns
-from holdfast.dynamics.trunk.trunk_filter import trunk_filter
+from holdfast.dynamics.tree.of_chain import chain_elimination
 from holdfast.dynamics.trunk.trunk_motion import TrunkMotion
 from holdfast.dynamics.trunk.trunk_power import MOTION, MountedBase, TrunkCase, TrunkUnknowns
 from holdfast.model.closed_chain import TRUNK
@@ -215,19 +215,19 @@ def second_solve_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Arr
     alone = each_of(lone, loaded_response, at.tips, motion.arms, loads)
     loaded = each(reading, tips, known, gaps)
     at_rest = [replace(c, a=none, g=none) for c in contacts]
-    grasps = dict(zip(chain.grasps, zip(at_rest, loaded, strict=True), strict=True))
     carried = {name: tip for name, tip in alone.items() if name in trunk.mounts}
+    of_arms = dict(zip(chain.grasps, loaded, strict=True)) | carried
     free = motion.body.free.at_rest()
-    found = trunk_filter(trunk, grasps, carried, free._replace(wrench=shift_wrench(-free.centre, wrench)))
-    alpha = found.found.object_acceleration
+    pushed = free._replace(wrench=shift_wrench(-free.centre, wrench))
+    found = chain_elimination(chain, at_rest, of_arms, pushed, trunk)
+    alpha, betas = found.object_acceleration, {name: found.columns.get(name) for name in chain.arms}
     assert found.trunk is not None
-    betas = {name: found.of_columns(trunk, name) for name in chain.arms}
     holds = each(
         lambda c, tip, load, f, own, beta: arm_solution(c, tip, load, f + own, alpha, beta),
         contacts,
         tips,
         held,
-        found.found.wrenches,
+        found.wrenches,
         known,
         [betas[name] for name in chain.grasps],
     )
