@@ -262,7 +262,7 @@ def with_measurement(
 
 
 def _most_free(P: FactoredMobility, table: Array, n: int) -> tuple[Array, Array, list[Scalar]]:
-    """Return the row of a table (rows, n + .. + size) with the largest sigma / size, the other rows, and the choices."""
+    """Return the row of a table (rows, n + .. + size) with the largest sigma / size; see `first_by`."""
     sigma = np.zeros(len(table))
     for D, w in zip(P.D, P.w, strict=True):
         f = table[:, :n] @ w
@@ -271,7 +271,10 @@ def _most_free(P: FactoredMobility, table: Array, n: int) -> tuple[Array, Array,
 
 
 def first_by(variance: Array, table: Array) -> tuple[Array, Array, list[Scalar]]:
-    """Return the row of a table with the largest variance relative to its size, the last column; see `picked`."""
+    """Return the row of a table with the largest variance relative to its size, the last column, the others, and picks.
+
+    The choices can be repeated for other columns (`picked`).
+    """
     most, *rest = relative(variance, table[:, -1])
     picks = []
     for s in rest:

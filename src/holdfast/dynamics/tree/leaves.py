@@ -1,8 +1,7 @@
-"""Leaves: chains of joints that end at one closure and that nothing else needs, included without opening a frame.
+"""The step that includes leaves, one after the other, without opening a frame.
 
-The response of a chain at its tip, alpha_f + X beta_base - Lambda f, turns its closure into a measurement of the body
-at the other end, as an arm's grasp measures the object (`measurement`). One after the other, the chains at one lone
-free body are included by parallel sums if their closures transmit everything, and otherwise by their rows.
+Those at one lone free body are included by parallel sums if their closures transmit everything, and otherwise by their
+rows. With the last one, the body leaves.
 
 If the chain hangs on an open frame z_of, its rows read C z - K X z_of. If the other end is the world, or the root,
 whose acceleration is given, the wrench is noted on a frame of the world, which has no mobility.
@@ -16,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
 from holdfast.dynamics.closed.filter_updates import (
     Included,
@@ -27,12 +25,10 @@ from holdfast.dynamics.closed.filter_updates import (
     row_sums,
     terminal_sum,
 )
-from holdfast.dynamics.closed.measurement import Measurement, measurement, seen_along, size_at_centre
-from holdfast.dynamics.closed.tip_response import BaseResponse, TipResponse
+from holdfast.dynamics.closed.measurement import Measurement, size_at_centre
 from holdfast.dynamics.tree.belief import Belief, sizes_of_rows
-from holdfast.dynamics.tree.forest_motion import ClosureMotion
-from holdfast.dynamics.tree.order import ROOT, MeasureLeaf, MeasureLeaves
-from holdfast.dynamics.tree.settled import SettledBody
+from holdfast.dynamics.tree.leaf import Leaf, right_hand_side, through_joints, wrench_at_contact
+from holdfast.dynamics.tree.order import ROOT, MeasureLeaves
 from holdfast.dynamics.tree.steps import (
     Back,
     Closed,
@@ -42,28 +38,10 @@ from holdfast.dynamics.tree.steps import (
     close_frame,
     forward_close_frame,
 )
-from holdfast.spatial.inertia import NO_INERTIA
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, minimum, scan
-from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
-from holdfast.spatial.symmetric import symmetric6
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each, minimum, scan
 
 _NONE = np.zeros(6)
-
-
-class Leaf(NamedTuple):
-    """A leaf before it is included.
-
-    Attributes:
-        step: the step.
-        contact: its contact, with the point of the body at the other end in place of C.
-        seen: its measurement of that body, with X if its base moves.
-        joints: its bodies, if it is no limb.
-    """
-
-    step: MeasureLeaf
-    contact: Contact
-    seen: Measurement
-    joints: list[SettledBody]
+WORLD = -2  # a frame of the world, on which the wrench of a leaf between open frames and the world is noted
 
 
 class Leaves(NamedTuple):
@@ -71,7 +49,7 @@ class Leaves(NamedTuple):
 
     Attributes:
         leaves: the leaves in order: those of parallel sums first.
-        frames: the frames that were open, and that of the world if there is one, (None, 6).
+        frames: the frames that were open, and `WORLD` if a leaf ends neither at one of them nor at a free body.
         sums: factors of those included by parallel sums.
         end: of the last of them, if the free body leaves with it.
         rows: of those included by their rows.
@@ -80,7 +58,7 @@ class Leaves(NamedTuple):
     """
 
     leaves: list[Leaf]
-    frames: Mapping[int | None, int]
+    frames: Mapping[int, int]
     sums: list[ParallelSum]
     end: list[TerminalSum]
     rows: list[RowSums]
@@ -110,61 +88,6 @@ class Passing(NamedTuple):
     load: list[Array]
 
 
-def leaves_of(of: PartMotion, steps: Sequence[MeasureLeaf]) -> dict[int, Leaf]:
-    """Return the leaves of a part, by closure."""
-    limbs = [step for step in steps if step.closure in of.motion.limbs]
-    tips = [of.motion.limbs[step.closure].tip for step in limbs]
-    contacts = [contact_of(of.motion.closures[step.closure], step, limb=True) for step in limbs]
-    seen = each(measurement, contacts, tips)
-    found = {step.closure: Leaf(step, c, m, []) for step, c, m in zip(limbs, contacts, seen, strict=True)}
-    return found | {step.closure: chain_of_joints(of, step) for step in steps if step.closure not in found}
-
-
-def chain_of_joints(of: PartMotion, step: MeasureLeaf) -> Leaf:
-    """Return the leaf of joints that are no limb, from their own responses."""
-    c = of.motion.closures[step.closure]
-    joints, X, w, D = [of.settled[k] for k in step.joints], np.eye(6), np.zeros((6, 0)), []
-    for body in joints:
-        X, w = body.carried(X), np.hstack([body.carried(w), body.columns])
-        D += body.factors.inverse_pivots.tolist()
-    X, w = (_shifted(c.l_b if step.is_b else c.l_a, columns) for columns in (X, w))
-    base = None if step.of is None else BaseResponse(X, np.zeros((6, 6)), _NONE, NO_INERTIA, _NONE)
-    mobility, contact = symmetric6((w * array(D)) @ w.T), contact_of(c, step, limb=False)
-    tip = TipResponse(mobility, _NONE, array(D), lambda *_: (_NONE, _NONE), 0.0, base)
-    return Leaf(step, contact, measurement(contact, tip), joints)
-
-
-def contact_of(c: ClosureMotion, step: MeasureLeaf, *, limb: bool) -> Contact:
-    """Return the contact of a leaf, about the point of the body at its other end.
-
-    The free acceleration of a limb includes zeta of its end; the other parts of r are the contact's.
-    """
-    if step.is_b:
-        return replace(c.contact, offset=c.l_a, g=_NONE if limb else c.zeta_b, a=c.g + c.zeta_a)
-    return replace(c.contact, offset=c.l_b, g=c.g if limb else c.g + c.zeta_a, a=c.zeta_b)
-
-
-def _shifted(l: Array, columns: Array) -> Array:
-    return array([shift_twist(l, column) for column in columns.T]).reshape(-1, 6).T
-
-
-def right_hand_side(side: Inward, leaf: Leaf) -> Array:
-    """Return r of a leaf's measurement, (rows,)."""
-    step = leaf.step
-    if leaf.joints:
-        c, free = side.rhs.closures[step.closure], np.zeros((6, 1))
-        for body, k in zip(leaf.joints, step.joints, strict=True):
-            free = body.carried(free) + (body.motion.H @ side.nu[k])[:, None]
-        still = contact_of(c, step, limb=False)
-        gap = shift_twist(c.l_b if step.is_b else c.l_a, free[:, 0]) + still.g - still.a
-        return seen_along(leaf.contact, leaf.seen, gap)
-    return (
-        leaf.seen.r
-        if step.closure not in side.rhs.gaps
-        else seen_along(leaf.contact, leaf.seen, side.rhs.gaps[step.closure])
-    )
-
-
 def measure_leaves(
     now: Belief, sides: Sequence[Inward], step: MeasureLeaves, of: PartMotion
 ) -> tuple[Belief, Leaves, list[Kept]]:
@@ -189,7 +112,7 @@ def measure_leaves(
         passing, rows, frames = by_rows(passing, others, r[len(summed) :], now, of, lone=lone)
     elif ending:
         passing, end, ends = by_last(
-            passing, seen[-1], r[-1], [side.rhs.bodies[step.closes.body].wrench for side in sides]
+            passing, seen[-1], r[-1], [side.rhs.bodies[step.leaving].wrench for side in sides]
         )
     now = now._replace(X=passing.X, P=passing.P, N=passing.N, kept=passing.kept, weakest=passing.weakest)
     now = now._replace(size=dict.fromkeys(now.size, passing.size)) if lone else now
@@ -237,7 +160,7 @@ def by_last(
 
 def by_rows(
     passing: Passing, leaves: list[Leaf], r: list[list[Array]], now: Belief, of: PartMotion, *, lone: bool
-) -> tuple[Passing, list[tuple[RowSums, list[Any], Array | None]], dict[int | None, int]]:
+) -> tuple[Passing, list[tuple[RowSums, list[Any], Array | None]], dict[int, int]]:
     """Return the state after leaves included by their rows, their factors, and the frames that were open."""
     tolerance, size = of.tolerance, passing.size
     if lone:
@@ -247,9 +170,9 @@ def by_rows(
 
         found = scan(include, passing, [_with_columns(leaf.seen, of.width) for leaf in leaves], r)
         return *found, dict(now.frames)
-    frames: dict[int | None, int] = dict(now.frames)
+    frames: dict[int, int] = dict(now.frames)
     if any(leaf.step.other in (None, ROOT) for leaf in leaves):
-        frames[None] = 6
+        frames[WORLD] = 6
         passing = _with_world(passing)
     items = [_among(leaf, now, frames, of) for leaf in leaves]
 
@@ -257,7 +180,7 @@ def by_rows(
         return _by_rows(now, m, r, m.own_sizes() + sizes, np.diag(m.R) + sizes / 3.0, tolerance)
 
     passing, rows = scan(include_among, passing, [m for m, _ in items], [sizes for _, sizes in items], r)
-    return (_without_world(passing, len(now.X)) if None in frames else passing), rows, frames
+    return (_without_world(passing, len(now.X)) if WORLD in frames else passing), rows, frames
 
 
 def forward_leaves(side: Inward, step: MeasureLeaves, of: Leaves) -> Kept:
@@ -265,15 +188,18 @@ def forward_leaves(side: Inward, step: MeasureLeaves, of: Leaves) -> Kept:
     r = each(lambda leaf: right_hand_side(side, leaf), of.leaves)
     (x, load), sums = scan(_passed, (side.x, side.on_root), of.sums, r[: len(of.sums)])
     if of.end:
-        w = side.rhs.bodies[step.closes.body].wrench
+        w = side.rhs.bodies[step.leaving].wrench
         ((more, end),) = each(lambda end, r: end.forward(x, r, w), of.end, r[-1:])
         side.x, side.on_root = np.zeros(0), load + more
         return Kept(sums, end, [], None)
     n = len(x)
-    x = concatenate([x, np.zeros(6)]) if None in of.frames else x
+    x = concatenate([x, np.zeros(6)]) if WORLD in of.frames else x
     (x, load), rows = scan(_passed, (x, load), of.rows, r[len(of.sums) :])
     side.x, side.on_root = x[:n], load
-    return Kept(sums, None, rows, None if of.closed is None else forward_close_frame(side, step.closes, of.closed))
+    closed = None
+    if of.closed is not None and step.closes is not None:
+        closed = forward_close_frame(side, step.closes, of.closed)
+    return Kept(sums, None, rows, closed)
 
 
 def back_leaves(backs: Sequence[Back], step: MeasureLeaves, of: Leaves, kept: Sequence[Kept]) -> None:
@@ -287,14 +213,14 @@ def back_leaves(backs: Sequence[Back], step: MeasureLeaves, of: Leaves, kept: Se
         )
         s, last = [], [[own for _, own in found]]
         for back, (alpha, own) in zip(backs, found, strict=True):
-            back.beta[step.closes.body] = alpha
-            s.append(back.rhs.bodies[step.closes.body].wrench + own)
+            back.beta[step.leaving] = alpha
+            s.append(back.rhs.bodies[step.leaving].wrench + own)
     else:
         for back, one in zip(backs, kept, strict=True):
-            if of.closed is not None:
+            if of.closed is not None and step.closes is not None and one.closed is not None:
                 back_close_frame(back, step.closes, of.closed, one.closed)
-            if None in of.frames:
-                back.s[None] = _NONE
+            if WORLD in of.frames:
+                back.s[WORLD] = _NONE
         s = [back.stacked(of.frames) for back in backs]
 
     def through(s: list[Array], update: ParallelSum | RowSums, nus: list[Any]) -> tuple[list[Array], list[Array]]:
@@ -305,24 +231,15 @@ def back_leaves(backs: Sequence[Back], step: MeasureLeaves, of: Leaves, kept: Se
     s, of_sums = scan(through, s, of.sums[::-1], _by_leaf([one.sums for one in kept])[::-1])
     for back, one in zip(backs, s, strict=True):
         back.unstack(of.frames, one)
-        back.s.pop(None, None)
+        back.s.pop(WORLD, None)
     from_leaves = [*of_sums[::-1], *last, *of_rows[::-1]]
-    places = [_rows_of(leaf.step.other if leaf.step.other in of.frames else None, of.frames) for leaf in of.leaves]
+    places = [_rows_of(leaf.step.other if leaf.step.other in of.frames else WORLD, of.frames) for leaf in of.leaves]
     contacts = [leaf.contact for leaf in of.leaves]
     for i, back in enumerate(backs):
         found = each(wrench_at_contact, contacts, [of[i][at] for of, at in zip(from_leaves, places, strict=True)])
         for leaf, f in zip(of.leaves, found, strict=True):
             back.wrenches[leaf.step.closure] = -f if leaf.step.is_b else f
             through_joints(back, leaf, f)
-
-
-def through_joints(back: Back, leaf: Leaf, f: Array) -> None:
-    """Let the wrench f of a leaf's end on the other body pass inward through its joints, if they are no limb."""
-    if leaf.joints:
-        c = back.rhs.closures[leaf.step.closure]
-        t = -shift_wrench(c.l_b if leaf.step.is_b else c.l_a, f)
-        for k, body in zip(reversed(leaf.step.joints), reversed(leaf.joints), strict=True):
-            back.extra[k], t = body.through(t)
 
 
 def lone_size(now: Belief) -> Array:
@@ -372,13 +289,13 @@ def _with_columns(m: Measurement, width: int) -> Measurement:
     return m if m.X.shape[1] == width else replace(m, X=np.zeros((len(m.r), width)))
 
 
-def _among(leaf: Leaf, now: Belief, frames: Mapping[int | None, int], of: PartMotion) -> tuple[Measurement, Array]:
+def _among(leaf: Leaf, now: Belief, frames: Mapping[int, int], of: PartMotion) -> tuple[Measurement, Array]:
     """Return a leaf's rows on all open frames, and the part of the open frames in their sizes (rows,)."""
     m, step = leaf.seen, leaf.step
     ends = [(step.other, m.C), *([] if step.of is None else [(step.of, -m.X)])]
     on, on_root = of.placed(ends)
     sizes = now.sizes_of(on, len(m.r))
-    world = [m.C if step.other in (None, ROOT) else 0.0 * m.C] if None in frames else []
+    world = [m.C if step.other in (None, ROOT) else 0.0 * m.C] if WORLD in frames else []
     C = np.concatenate([now.coefficients(on, len(m.r)), *world], axis=1)
     return replace(m, C=C, X=-on_root), sizes
 
@@ -401,15 +318,10 @@ def _by_leaf(of_sides: list[list[Any]]) -> list[list[Any]]:
     return [list(one) for one in zip(*of_sides, strict=True)]
 
 
-def _rows_of(frame: int | None, frames: Mapping[int | None, int]) -> slice:
+def _rows_of(frame: int | None, frames: Mapping[int, int]) -> slice:
     start = 0
     for name, size in frames.items():
         if name == frame:
             return slice(start, start + size)
         start += size
     raise KeyError(frame)
-
-
-def wrench_at_contact(about: Contact, from_leaf: Array) -> Array:
-    """Return a leaf's wrench about its contact point, exactly 0 along the grasp's freedoms, (6,)."""
-    return about.transmissible(shift_wrench(-about.offset, from_leaf))

@@ -9,27 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
+from holdfast.dynamics.tree.branches import Branches, ForestPart
 from holdfast.model.forest import GROUND, Topology
 
 ROOT = -1  # "frame" of the root, whose acceleration is given; GROUND in `OpenFrame.of` is written as None
-
-
-class ForestPart(NamedTuple):
-    """Bodies whose loops settle together.
-
-    Attributes:
-        root: the vertex on which they hang, a body or `GROUND`.
-        members: the other bodies, the deepest first.
-        closures: indices of its closures.
-        couplings: indices of its couplings.
-    """
-
-    root: int
-    members: tuple[int, ...]
-    closures: tuple[int, ...]
-    couplings: tuple[int, ...]
 
 
 class AddFree(NamedTuple):
@@ -93,11 +78,17 @@ class MeasureLeaves(NamedTuple):
     leaves: tuple[MeasureLeaf, ...]
     closes: CloseFrame | None
 
+    @property
+    def leaving(self) -> int:
+        """The free body that leaves with the last of them."""
+        assert self.closes is not None and self.closes.body is not None
+        return self.closes.body
+
 
 class Cross(NamedTuple):
-    """The root moves inward over the joint of a body, on which all that was measured hangs, while only free bodies are open.
+    """The root moves inward over the joint of a body, on which all that was measured hangs; only free bodies are open.
 
-    The root of the world follows a free body.
+    If the body is free, the root moves to the world.
     """
 
     body: int
@@ -133,83 +124,12 @@ def widest(steps: Sequence[PlanStep]) -> int:
                 size[step.frame] = 6
             case MoveFrame() if step.note is not None:
                 size[step.note] = 1
-            case CloseFrame() | MeasureLeaves(closes=CloseFrame()):
-                del size[step.frame if isinstance(step, CloseFrame) else step.closes.frame]
+            case CloseFrame():
+                del size[step.frame]
+            case MeasureLeaves(closes=CloseFrame(frame)):
+                del size[frame]
         most = max(most, sum(size.values()))
     return most
-
-
-@dataclass(frozen=True)
-class Branches:
-    """What the search has to know of a part.
-
-    Attributes:
-        topology: the forest's graph.
-        part: the part.
-        closures_at: by vertex, the closures that need its acceleration.
-        noted: by body, the couplings that need its joint accelerations.
-        children: by vertex, the members on joints to it that lead to a closure or a coupling.
-    """
-
-    topology: Topology
-    part: ForestPart
-    closures_at: dict[int, list[int]]
-    noted: dict[int, list[int]]
-    children: dict[int, list[int]]
-
-    @staticmethod
-    def of(topology: Topology, part: ForestPart) -> Branches:
-        """Return the branches of a part."""
-        vertices = [part.root, GROUND, *part.members]
-        closures_at = {v: [i for i in part.closures if v in topology.ends[i]] for v in vertices}
-        noted = {k: [i for i in part.couplings if k in topology.coupled[i]] for k in part.members}
-        children: dict[int, list[int]] = {v: [] for v in vertices}
-        for k in part.members:  # the deepest first, so that what hangs on k is known
-            if not topology.free[k] and (closures_at[k] or noted[k] or children[k]):
-                children[topology.parents[k]].append(k)
-        return Branches(topology, part, closures_at, noted, {v: sorted(ks) for v, ks in children.items()})
-
-    def above(self, vertex: int) -> list[int]:
-        """Return a body and those on which it hangs, from itself inward."""
-        found = []
-        while vertex != GROUND:
-            found.append(vertex)
-            vertex = self.topology.parents[vertex]
-        return found
-
-    def backbone(self, trunk: Sequence[int] = ()) -> list[int]:
-        """Return the bodies over whose joints the root moves inward, the outermost first.
-
-        They are those on which several closures hang, one on the other, as long as nothing else does. What hangs on
-        one of them may be closed only with itself and with free bodies on which nothing hangs, and no coupling may need
-        its joint. Those of a trunk are always among them.
-        """
-        found, vertex = [], self.part.root
-        while True:
-            below = [k for k in self._below(vertex) if self._hanging(k) > 1 or k in trunk]
-            if len(below) != 1 or not self._by_itself(below[0]):
-                return found[::-1]
-            vertex = below[0]
-            found.append(vertex)
-
-    def _below(self, vertex: int) -> list[int]:
-        """Return the children of a vertex; free bodies with children are those of the world."""
-        free = [k for k in self.part.members if self.topology.free[k] and self.children[k]] if vertex == GROUND else []
-        return [*self.children.get(vertex, []), *free]
-
-    def _hanging(self, k: int) -> int:
-        """Return the number of closures that need a body or what hangs on it."""
-        return sum(any(k in self.above(v) for v in self.topology.ends[i] if v != GROUND) for i in self.part.closures)
-
-    def _by_itself(self, k: int) -> bool:
-        """Return whether a body's joint may be crossed; see `backbone`."""
-        free, ends = self.topology.free, self.topology.ends
-        for i in self.part.closures:
-            within = [v for v in ends[i] if v != GROUND and k in self.above(v)]
-            others = [v for v in ends[i] if v not in within]
-            if within and any(v == GROUND or not free[v] or self.children[v] for v in others):
-                return False
-        return not any(j in self.above(k) for i in self.part.couplings for j in self.topology.coupled[i])
 
 
 @dataclass(frozen=True)
@@ -381,7 +301,8 @@ def ordered(
         rates: whether the root moves over consecutive joints in one step.
     """
     if not part.closures and not part.couplings:
-        return ()
+        own = tuple(k for k in trunk or () if k in part.members)
+        return () if not own else (CrossAll(own),) if rates else tuple(map(Cross, reversed(own)))
     of = Branches.of(topology, part)
     backbone = of.backbone(trunk or ()) if leaves else []
     now = Front(
@@ -421,7 +342,7 @@ def _searched(now: Front) -> Front:
     return now
 
 
-def _with_leaves(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanStep, ...]:
+def _with_leaves(steps: Sequence[PlanStep | MeasureLeaf], topology: Topology) -> tuple[PlanStep, ...]:
     """Return the steps with every chain that opens, moves to one closure and closes again as one step.
 
     What is measured at the same frames commutes; leaves come first, so that a light free body is soon held by joints.
@@ -440,7 +361,7 @@ def _with_leaves(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanSte
                 found[at - 1] = MeasureLeaves((*last.leaves, leaf), None)
             else:
                 found.insert(at, MeasureLeaves((leaf,), None))
-        elif isinstance(last, MeasureLeaves) and _closes_with(last, step):
+        elif isinstance(last, MeasureLeaves) and last.closes is None and _is_of_free_body(step):
             found[-1] = MeasureLeaves(last.leaves, step)
         else:
             found.append(leaf)
@@ -455,12 +376,12 @@ def _leaf_without_joints(step: PlanStep) -> PlanStep | MeasureLeaf:
     return step
 
 
-def _closes_with(leaves: MeasureLeaves, step: PlanStep) -> bool:
-    """Return whether a step after leaves is that of a free body that leaves with them."""
-    return leaves.closes is None and isinstance(step, CloseFrame) and step.body is not None
+def _is_of_free_body(step: PlanStep | MeasureLeaf) -> TypeGuard[CloseFrame]:
+    """Return whether a step leaves out the frame of a free body."""
+    return isinstance(step, CloseFrame) and step.body is not None
 
 
-def _leaf(steps: Sequence[PlanStep], topology: Topology) -> tuple[PlanStep | MeasureLeaf, int]:
+def _leaf(steps: Sequence[PlanStep | MeasureLeaf], topology: Topology) -> tuple[PlanStep | MeasureLeaf, int]:
     """Return the leaf with which the steps begin, or their first step, and how many steps it replaces."""
     first = steps[0]
     if not isinstance(first, OpenFrame):

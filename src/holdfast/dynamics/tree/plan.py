@@ -13,7 +13,8 @@ from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
-from holdfast.dynamics.tree.order import Cross, CrossAll, ForestPart, PlanStep, ordered
+from holdfast.dynamics.tree.branches import ForestPart
+from holdfast.dynamics.tree.order import Cross, CrossAll, PlanStep, ordered
 from holdfast.model.forest import GROUND, Topology
 
 
@@ -124,9 +125,9 @@ def parts_of_graph(topology: Topology, cut: bool = True) -> tuple[list[ForestPar
         if start in seen:
             continue
         roots.append(start)
-        inside = components(start, edges, seen)
-        whole = [(start, [edge for _, of in inside for edge in of])] if inside else []
-        for root, inside in _merged(inside) if cut else whole:
+        found = components(start, edges, seen)
+        whole = [(start, [edge for _, inside in found for edge in inside])] if found else []
+        for root, inside in _merged(found) if cut else whole:
             members = {vertex for edge in inside for vertex in edge.ends} - {root, GROUND}
             deepest_first = tuple(sorted(members, key=lambda k: (-depth[k], k)))
             of = {kind: tuple(sorted({e.number for e in inside if e.kind == kind})) for kind in ("closure", "coupling")}

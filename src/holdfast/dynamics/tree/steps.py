@@ -6,7 +6,7 @@ reverse: s holds by frame the wrench on it of everything that was included after
     AddFree        z gains (x_b, X = 0, P_b), independent                s_b leaves
     OpenFrame      z gains a copy of a frame, X = 1 at the root          s_of += s_f
     MoveFrame      f <- psi^T f + H nu,  P += H D^-1 H^T                 s_f <- phi (s_f - G t), t = H^T s_f
-    Measure        `with_measurement`                                    lambda = nu [1 | beta] - gain s, s += c^T lambda
+    Measure        `with_measurement`                                    lambda = nu + E beta - gain s, s += c^T lambda
     CloseFrame     x += P_f w,  n -= X_f^T w;  z forgets f               s_f = w,  beta_f = x + X beta + P s
 
 with the external wrench w of a free body. Chains of joints that end at one closure are in `leaves`.
@@ -24,13 +24,13 @@ import numpy as np
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility
 from holdfast.dynamics.closed.measurement import size_at_centre
 from holdfast.dynamics.tree.belief import Belief, MeasuredRows, sizes_of_rows, with_measurement
+from holdfast.dynamics.tree.branches import ForestPart
 from holdfast.dynamics.tree.forest_motion import ClosureMotion, ForestMotion, Limb
 from holdfast.dynamics.tree.order import (
     ROOT,
     AddFree,
     CloseFrame,
     Couple,
-    ForestPart,
     Measure,
     MoveFrame,
     OpenFrame,

@@ -1,0 +1,112 @@
+"""A leaf: a chain of joints that ends at one closure and that nothing else needs, as a measurement.
+
+The response of a chain at its tip, alpha_f + X beta_base - Lambda f, turns its closure into a measurement of the body
+at the other end, as an arm's grasp measures the object (`measurement`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.measurement import Measurement, measurement, seen_along
+from holdfast.dynamics.closed.tip_response import BaseResponse, TipResponse
+from holdfast.dynamics.tree.forest_motion import ClosureMotion
+from holdfast.dynamics.tree.order import MeasureLeaf
+from holdfast.dynamics.tree.settled import SettledBody
+from holdfast.dynamics.tree.steps import Back, Inward, PartMotion
+from holdfast.spatial.inertia import NO_INERTIA
+from holdfast.spatial.scalar import Array, array, each
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+from holdfast.spatial.symmetric import symmetric6
+
+_NONE = np.zeros(6)
+
+
+class Leaf(NamedTuple):
+    """A leaf before it is included.
+
+    Attributes:
+        step: the step.
+        contact: its contact, with the point of the body at the other end in place of C.
+        seen: its measurement of that body, with X if its base moves.
+        joints: its bodies, if it is no limb.
+    """
+
+    step: MeasureLeaf
+    contact: Contact
+    seen: Measurement
+    joints: list[SettledBody]
+
+
+def leaves_of(of: PartMotion, steps: Sequence[MeasureLeaf]) -> dict[int, Leaf]:
+    """Return the leaves of a part, by closure."""
+    limbs = [step for step in steps if step.closure in of.motion.limbs]
+    tips = [of.motion.limbs[step.closure].tip for step in limbs]
+    contacts = [contact_of(of.motion.closures[step.closure], step, limb=True) for step in limbs]
+    seen = each(measurement, contacts, tips)
+    found = {step.closure: Leaf(step, c, m, []) for step, c, m in zip(limbs, contacts, seen, strict=True)}
+    return found | {step.closure: chain_of_joints(of, step) for step in steps if step.closure not in found}
+
+
+def chain_of_joints(of: PartMotion, step: MeasureLeaf) -> Leaf:
+    """Return the leaf of joints that are no limb, from their own responses."""
+    c = of.motion.closures[step.closure]
+    joints, X, w, D = [of.settled[k] for k in step.joints], np.eye(6), np.zeros((6, 0)), []
+    for body in joints:
+        X, w = body.carried(X), np.hstack([body.carried(w), body.columns])
+        D += body.factors.inverse_pivots.tolist()
+    X, w = (_shifted(c.l_b if step.is_b else c.l_a, columns) for columns in (X, w))
+    base = None if step.of is None else BaseResponse(X, np.zeros((6, 6)), _NONE, NO_INERTIA, _NONE)
+    mobility, contact = symmetric6((w * array(D)) @ w.T), contact_of(c, step, limb=False)
+    tip = TipResponse(mobility, _NONE, array(D), lambda *_: (_NONE, _NONE), 0.0, base)
+    return Leaf(step, contact, measurement(contact, tip), joints)
+
+
+def contact_of(c: ClosureMotion, step: MeasureLeaf, *, limb: bool) -> Contact:
+    """Return the contact of a leaf, about the point of the body at its other end.
+
+    The free acceleration of a limb includes zeta of its end; the other parts of r are the contact's.
+    """
+    if step.is_b:
+        return replace(c.contact, offset=c.l_a, g=_NONE if limb else c.zeta_b, a=c.g + c.zeta_a)
+    return replace(c.contact, offset=c.l_b, g=c.g if limb else c.g + c.zeta_a, a=c.zeta_b)
+
+
+def _shifted(l: Array, columns: Array) -> Array:
+    return array([shift_twist(l, column) for column in columns.T]).reshape(-1, 6).T
+
+
+def right_hand_side(side: Inward, leaf: Leaf) -> Array:
+    """Return r of a leaf's measurement, (rows,)."""
+    step = leaf.step
+    if leaf.joints:
+        c, free = side.rhs.closures[step.closure], np.zeros((6, 1))
+        for body, k in zip(leaf.joints, step.joints, strict=True):
+            free = body.carried(free) + (body.motion.H @ side.nu[k])[:, None]
+        still = contact_of(c, step, limb=False)
+        gap = shift_twist(c.l_b if step.is_b else c.l_a, free[:, 0]) + still.g - still.a
+        return seen_along(leaf.contact, leaf.seen, gap)
+    return (
+        leaf.seen.r
+        if step.closure not in side.rhs.gaps
+        else seen_along(leaf.contact, leaf.seen, side.rhs.gaps[step.closure])
+    )
+
+
+def through_joints(back: Back, leaf: Leaf, f: Array) -> None:
+    """Let the wrench f of a leaf's end on the other body pass inward through its joints, if they are no limb."""
+    if leaf.joints:
+        c = back.rhs.closures[leaf.step.closure]
+        t = -shift_wrench(c.l_b if leaf.step.is_b else c.l_a, f)
+        for k, body in zip(reversed(leaf.step.joints), reversed(leaf.joints), strict=True):
+            back.extra[k], t = body.through(t)
+
+
+def wrench_at_contact(about: Contact, from_leaf: Array) -> Array:
+    """Return a leaf's wrench about its contact point, exactly 0 along the grasp's freedoms, (6,)."""
+    return about.transmissible(shift_wrench(-about.offset, from_leaf))
