@@ -220,7 +220,6 @@ def rates(c: Case) -> Any:
 DYNAMICS = [
     Question("forward dynamics", lambda c: c.solved().qdd),
     Question("dense equations (`kkt`)", lambda c: c.solved(method="kkt").qdd),
-    Question("elimination of a forest (`tree`)", lambda c: c.solved(method="tree").qdd),
     Question("RCCFD 1 .. 3 of the paper", lambda c: [c.solved(method=f"rccfd{k}").qdd for k in (1, 2, 3)]),
     Question("inverse dynamics", inverse),
     Question("`close`", lambda c: hf.close(c.chain, c.state, inputs=c.inputs).q),

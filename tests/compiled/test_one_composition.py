@@ -72,12 +72,12 @@ def problem():
 
 def test_forward_dynamics(problem):
     """All that the reference runs on floats is traced; of arms of one type only one is."""
-    rooms = ("dynamics/arm", "dynamics/closed")
+    rooms = ("dynamics/arm", "dynamics/closed", "dynamics/tree")
     on_floats = functions_run(lambda: holdfast.forward_dynamics(problem.chain, problem.state, problem.tau), rooms)
     traced = functions_run(lambda: forward_schedule(Structure(problem.chain, Options())), rooms)
     assert names(on_floats) <= names(traced)
     assert on_floats.keys() <= traced.keys()  # the same objects
-    assert {"object_filter", "filter_updates", "sequential", "chain_solution"} <= {
+    assert {"elimination", "leaves", "filter_updates", "sequential", "chain_solution"} <= {
         Path(code.co_filename).stem for code in traced
     }
 

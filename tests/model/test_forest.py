@@ -125,7 +125,7 @@ def test_force_elements_are_no_part_of_a_forest():
     """A chain with bushings or springs has no forest of its own yet, and says what to try."""
     chain = random_bushed(0).chain
     sprung = replace(random_problem(3).chain.arms["arm1"].joints[0], stiffness=1.0)
-    with pytest.raises(ModelError, match="method='tree'"):
+    with pytest.raises(ModelError, match="no part of a forest; try the chain itself"):
         _ = chain.forest
     plain = random_problem(3).chain
     arm = plain.arms["arm1"]

@@ -182,7 +182,7 @@ class ClosedChain(Frozen):
         if self.springs or self.bushings or any(joint.stiffness for joint in self.all_joints):
             raise ModelError(
                 "forest: expected a chain without springs and bushings, which are no part of a forest; try the chain"
-                " itself, for example forward_dynamics(chain, state, tau, method='tree')"
+                " itself, for example forward_dynamics(chain, state, tau)"
             )
         return chain_forest(self).forest
 
