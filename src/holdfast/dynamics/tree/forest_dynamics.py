@@ -14,9 +14,10 @@ from holdfast.dynamics.consistency import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.elimination import ForestSolution, left_over, solved
 from holdfast.dynamics.tree.forest_kkt import forest_kkt
-from holdfast.dynamics.tree.forest_motion import ForestMotion, forest_motion
+from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
 from holdfast.dynamics.tree.plan import plan_of
+from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.model.forest import Forest
@@ -107,17 +108,31 @@ def forest_dynamics(
         SingularChainError: no accelerations satisfy the closures, in a singular posture.
         MethodNotApplicable: there is no such method.
     """
-    checks.instance(forest, Forest, "forest")
     if not isinstance(method, str) or method not in FOREST_METHODS:
         hint = checks.did_you_mean(str(method), FOREST_METHODS)
         raise MethodNotApplicable(f"no method {checks.short(method)} for a forest.{hint}")
+    return solved_forest(forest_arguments(forest, q, qd, tau, wrenches), method, check)[2]
+
+
+def forest_arguments(
+    forest: Forest, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, wrenches: ArrayLike | None = None
+) -> ForestArguments:
+    """Return the checked arguments of a question of a forest."""
+    checks.instance(forest, Forest, "forest")
     rates = checks.numbers(qd, (forest.velocity_count,), "qd", StateError)
-    torque = checks.numbers(tau, (forest.velocity_count,), "tau", StateError) - _damping(forest) * rates
+    torque = checks.numbers(tau, (forest.velocity_count,), "tau", StateError)
     pushed = np.zeros((len(forest.bodies), 6)) if wrenches is None else wrenches
     pushed = checks.numbers(pushed, (len(forest.bodies), 6), "wrenches", StateError)
-    motion = forest_motion(forest, _positions(forest, q), rates, torque, pushed)
+    return ForestArguments(forest, _positions(forest, q), rates, torque, pushed)
+
+
+def solved_forest(
+    given: ForestArguments, method: str = "sequential", check: bool = True
+) -> tuple[ForestMotion, ForestSolution, ForestResult]:
+    """Return the motion of a forest, its solution and what it means for users; see `forest_dynamics`."""
+    forest, motion = given.forest, given.motion({})
     if check:
-        _require_closed(motion, rates)
+        _require_closed(motion, given.qd)
     found = FOREST_METHODS[method](motion)
     _require_inertia(forest, found)
     accelerations = [b.true_acceleration(x, forest.gravity) for b, x in zip(motion.bodies, found.beta, strict=True)]
@@ -130,7 +145,7 @@ def forest_dynamics(
     wrench, multipliers = found.wrenches, found.multipliers
     if not unique:
         wrench, multipliers = least_forces(motion, forest_rows(motion), wrench, multipliers, rank)
-    return ForestResult(
+    result = ForestResult(
         forest,
         np.concatenate(qdd),
         np.array(accelerations),
@@ -142,10 +157,7 @@ def forest_dynamics(
         1.0 / float(found.weakest),
         method,
     )
-
-
-def _damping(forest: Forest) -> Array:
-    return np.concatenate([np.full(b.joint.of_kind.freedoms, b.joint.damping) for b in forest.bodies])
+    return motion, found, result
 
 
 def _positions(forest: Forest, q: ArrayLike) -> Array:

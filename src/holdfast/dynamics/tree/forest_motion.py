@@ -126,10 +126,20 @@ class ForestMotion(NamedTuple):
     closures: list[ClosureMotion]
     coupled: list[Scalar]
 
-    def at_rest_with(self, gaps: list[Array], coupled: list[Scalar]) -> ForestMotion:
-        """Return the forest at rest, without torques, wrenches and gravity, with other right-hand sides of its rows."""
-        none = np.zeros(6)
-        bodies = [body._replace(load=none, torque=0.0 * body.torque, wrench=none) for body in self.bodies]
+    def at_rest_with(
+        self, gaps: list[Array], coupled: list[Scalar], torques: list[Array] | None = None
+    ) -> ForestMotion:
+        """Return the forest at rest, without wrenches and gravity, with other right-hand sides of its rows.
+
+        Args:
+            gaps: per closure, (rows,) right-hand sides.
+            coupled: per coupling, the right-hand side.
+            torques: per body, (m,) torques, of a free body (6,) a wrench about its mass centre; None for none.
+        """
+        none, bodies = np.zeros(6), []
+        for body, torque in zip(self.bodies, torques or [0.0 * b.torque for b in self.bodies], strict=True):
+            given = {"wrench": torque, "torque": none} if body.floats else {"wrench": none, "torque": torque}
+            bodies.append(body._replace(load=none, **given))
         closures = [c._replace(r=r) for c, r in zip(self.closures, gaps, strict=True)]
         return self._replace(bodies=bodies, closures=closures, coupled=coupled)
 
