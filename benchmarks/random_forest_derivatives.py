@@ -1,4 +1,4 @@
-"""Derivatives of random forests: against dual numbers over equations in which nothing is eliminated, and what they cost.
+"""Derivatives of random forests: against dual numbers over equations without any elimination, and what they cost.
 
     python -m benchmarks.random_forest_derivatives --count 100 [--first 0] [--costs 20]
 
@@ -97,10 +97,7 @@ def along_a_motion(p: ForestProblem, truth: ForestDerivatives) -> Iterator[tuple
 def allowed(p: ForestProblem, rates: np.ndarray) -> np.ndarray:
     """Return the part of rates that closures and couplings allow."""
     motion = ForestArguments(*p[1:]).motion({})
-    G = forest_rows(motion).G.copy()
-    for body, part, at in zip(motion.bodies, p.forest.bodies, p.forest.velocities, strict=True):
-        if part.joint.of_kind.floats:  # of its frame's origin, not of its mass centre
-            G[:, at.start : at.start + 3] += np.cross(body.at.centre, G[:, at.start + 3 : at.stop])
+    G = forest_rows(motion).on_qd(motion)
     return rates - np.linalg.pinv(G, rcond=1e-9) @ (G @ rates)
 
 
@@ -125,9 +122,7 @@ def costs(p: ForestProblem) -> tuple[int, int]:
         given = ForestArguments(p.forest, q, qd, tau, p.wrenches)
         motion = given.motion({})
         found = by_plan(motion)
-        return ForestPoint(
-            given, motion, unknowns_of(motion, list(found.qdd), found.wrenches, found.multipliers), None
-        )
+        return ForestPoint(given, motion, unknowns_of(motion, list(found.qdd), found.wrenches, found.multipliers), None)
 
     def forward(q, qd, tau) -> tuple:
         at = solved(q, qd, tau)

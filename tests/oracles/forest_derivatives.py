@@ -60,9 +60,7 @@ def forest_derivatives(p: ForestProblem, by: tuple[str, ...]) -> ForestDerivativ
     dx = np.zeros((len(x), count))
     for _ in range(3):
         dx[kept] += lu.solve(slopes[kept] - K @ dx[kept])
-    rates = np.concatenate(
-        [dx[a] if part is None else dx[part] for a, part in zip(dual.alpha, dual.qdd, strict=True)]
-    )
+    rates = np.concatenate([dx[a] if part is None else dx[part] for a, part in zip(dual.alpha, dual.qdd, strict=True)])
     wrench = [np.zeros((0, count))]
     for K_of, part in zip(dual.K, dual.closures, strict=True):
         turned = np.einsum("ijd,i->jd", tangents_of(K_of, count), x[part])
@@ -136,14 +134,10 @@ def with_directions(p: ForestProblem, by: tuple[str, ...]) -> tuple[tuple, dict[
             joint = changed(joint, placement=pose("joint_pose", joint.placement, k))
         bodies.append(changed(body, link=link, joint=joint))
     closures = [
-        changed(
-            c, tip=pose("tip_pose", c.tip, i), grasp=changed(c.grasp, frame=pose("grasp_pose", c.grasp.frame, i))
-        )
+        changed(c, tip=pose("tip_pose", c.tip, i), grasp=changed(c.grasp, frame=pose("grasp_pose", c.grasp.frame, i)))
         for i, c in enumerate(forest.closures)
     ]
-    varied = changed(
-        forest, bodies=tuple(bodies), closures=tuple(closures), gravity=seeded("gravity", forest.gravity)
-    )
+    varied = changed(forest, bodies=tuple(bodies), closures=tuple(closures), gravity=seeded("gravity", forest.gravity))
     further = (seeded(name, x) for name, x in (("qd", p.qd), ("tau", p.tau), ("link_wrench", p.wrenches)))
     return (varied, q(), *further), at, count
 

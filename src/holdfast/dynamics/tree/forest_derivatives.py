@@ -1,8 +1,8 @@
 """Derivatives of the forward dynamics of a forest, by one virtual power of its bodies (`virtual_power`).
 
 A cotangent z_bar of the results S(theta, z) gives K y = S_z^T z_bar and the gradient of z_bar . S - L for constant z
-and y; rates are z_dot = -K^-1 R_theta theta_dot and S_theta theta_dot + S_z z_dot, with R = dL/dy. K z = r is the forest
-at rest, solved by the same elimination (docs/theory/tree.md).
+and y. Rates are z_dot = -K^-1 R_theta theta_dot and S_theta theta_dot + S_z z_dot, with R = dL/dy. K z = r is the
+forest at rest, solved by the same elimination (docs/theory/tree.md).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.result import Status
+from holdfast.dynamics.tree.forest_diagnosis import require_regular
 from holdfast.dynamics.tree.forest_dynamics import ForestResult, forest_arguments, solved_forest
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.least_force_rates import LeastForceRates, least_force_rates
@@ -70,11 +71,11 @@ def forest_dynamics_vjp(
 ) -> Derivatives:
     """Return the gradients of sum(cotangent . result) of `forest_dynamics` with respect to some arguments. O(n).
 
-    theta_bar = d/dtheta (z_bar . S - L) with K y = S_z^T z_bar. Each argument is varied alone, so that closures may open;
-    along motions of the forest the result does not depend on how forward dynamics is extended to such states. q is varied
-    in the coordinates of qd, (n_v,): quaternions turn from the left. Poses are varied by R -> exp(turn) R and a shift,
-    (.., 6) [turn; shift]. Derivatives by inertias are symmetric. If forces are not unique, derivatives are those of the
-    smallest, and are valid along motions.
+    theta_bar = d/dtheta (z_bar . S - L) with K y = S_z^T z_bar. Each argument is varied alone, so that closures may
+    open; along motions of the forest the result does not depend on how forward dynamics is extended to such states. q
+    is varied in the coordinates of qd, (n_v,): quaternions turn from the left. Poses are varied by R -> exp(turn) R and
+    a shift, (.., 6) [turn; shift]. Derivatives by inertias are symmetric. If forces are not unique, derivatives are
+    those of the smallest, and are valid along motions.
 
     Args:
         forest: bodies, closures and couplings.
@@ -99,9 +100,7 @@ def forest_dynamics_vjp(
     require_names(what, by, ARGUMENTS)
     require_names(what, cotangents, RESULTS)
     at, result = forest_point(forest_arguments(forest, q, qd, tau, wrenches), check)
-    checked = {
-        name: checks.numbers(x, getattr(result, name).shape, name, StateError) for name, x in cotangents.items()
-    }
+    checked = {name: checks.numbers(x, getattr(result, name).shape, name, StateError) for name, x in cotangents.items()}
     return finite_derivatives(result, backward(at, checked, by))
 
 
@@ -199,6 +198,8 @@ def forest_dynamics_jacobian(
 def forest_point(given: ForestArguments, check: bool) -> tuple[ForestPoint, ForestResult]:
     """Return forward dynamics at one state with what its derivatives need, and its result."""
     motion, found, result = solved_forest(given, check=check)
+    if check and result.status is not Status.OK:
+        require_regular(given.forest, given.q)
     z = unknowns_of(motion, list(found.qdd), result.closure_wrench, result.coupling_force)
     least = None if result.status is Status.OK else least_force_rates(motion, z, result.rank)
     return ForestPoint(given, motion, z, least), result
@@ -242,9 +243,7 @@ def forward(at: ForestPoint, rates: Mapping[str, Array]) -> dict[str, Array]:
         rates: by argument, (*shape of its gradient, d).
     """
     names = list(rates)
-    given = {
-        name: 0.5 * (x + np.swapaxes(x, -3, -2)) if name == "link_inertia" else x for name, x in rates.items()
-    }
+    given = {name: 0.5 * (x + np.swapaxes(x, -3, -2)) if name == "link_inertia" else x for name, x in rates.items()}
 
     def equations(*numbers: Array) -> tuple[Array, ...]:
         motion = at.given.motion(dict(zip(names, numbers, strict=True)))

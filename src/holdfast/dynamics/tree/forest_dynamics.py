@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
-from holdfast.dynamics.consistency import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.elimination import ForestSolution, left_over, solved
+from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_kkt import forest_kkt
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
@@ -132,7 +132,7 @@ def solved_forest(
     """Return the motion of a forest, its solution and what it means for users; see `forest_dynamics`."""
     forest, motion = given.forest, given.motion({})
     if check:
-        _require_closed(motion, given.qd)
+        require_closed(motion, given.q, given.qd)
     found = FOREST_METHODS[method](motion)
     _require_inertia(forest, found)
     accelerations = [b.true_acceleration(x, forest.gravity) for b, x in zip(motion.bodies, found.beta, strict=True)]
@@ -173,27 +173,6 @@ def _positions(forest: Forest, q: ArrayLike) -> Array:
                 )
             found[at] /= length
     return found
-
-
-def _require_closed(motion: ForestMotion, qd: Array) -> None:
-    """Refuse a state that does not satisfy the closures and the couplings."""
-    forest, limit = motion.forest, VELOCITY_TOLERANCE * max(1.0, float(np.linalg.norm(qd)))
-    gaps = []
-    for i, (closure, c) in enumerate(zip(forest.closures, motion.closures, strict=True)):
-        point = motion.bodies[closure.b].at.frame.p + c.contact.origin
-        x = float(np.abs(position_residual(c.contact, point, c.tip)).max(initial=0.0))
-        v = float(np.abs(c.contact.velocity_gap).max(initial=0.0))
-        if not (x <= POSITION_TOLERANCE and v <= limit):
-            gaps.append(f"closure {i}: position gap {x:.3g} (m, rad), velocity gap {v:.3g} (m/s, rad/s)")
-    for i, coupling in enumerate(forest.couplings):
-        v = abs(sum(c * qd[forest.velocities[k].start + component] for k, component, c in coupling.terms))
-        if not v <= limit:
-            gaps.append(f"coupling {i}: rate {v:.3g}")
-    if gaps:
-        raise StateError(
-            f"the state does not satisfy the forest: {'; '.join(gaps)}. Expected <= {POSITION_TOLERANCE:g} and <="
-            f" {limit:.3g}; check=False leaves this out"
-        )
 
 
 def _require_inertia(forest: Forest, found: ForestSolution) -> None:

@@ -10,6 +10,7 @@ body, where its inertia has two blocks. A closure reads K (phi_b^T beta_b - phi_
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +40,11 @@ class Carrier(NamedTuple):
     centre: Array
     twist: Array
     zeta: Array
+
+    @property
+    def point(self) -> Array:
+        """The point of the body in the world, (3,) [m]."""
+        return self.frame.p + self.centre
 
     def twist_at(self, l: Array) -> Array:
         """Return the twist at l from the point (6,)."""
@@ -90,6 +96,14 @@ class BodyMotion(NamedTuple):
             return shift_twist(l, beta) + centripetal_part
         return self.at.zeta + beta + concatenate([_NONE, gravity])
 
+    def point_acceleration(self, alpha: Array) -> Array:
+        """Return beta of a free body, (6,), from the true acceleration of its frame's origin."""
+        return shift_twist(self.at.centre, alpha) + concatenate([_NONE, centripetal(self.at.twist[:3], self.at.centre)])
+
+    def of_frame(self, rates: Array) -> Array:
+        """Return rates in the coordinates of qd, (m,); those of a free body are given at its mass centre."""
+        return shift_twist(-self.at.centre, rates) if self.floats else rates
+
 
 class ClosureMotion(NamedTuple):
     """A closure at one instant.
@@ -109,6 +123,13 @@ class ClosureMotion(NamedTuple):
     on_a: Array
     on_b: Array
     r: Array
+
+    def in_position(self) -> ClosureMotion:
+        """Return the closure with its position rows, fewer than its velocity rows if it is nonholonomic, and r = 0."""
+        rows = self.contact.grasp.of_kind.position_rows
+        kept = [k for k, row in enumerate(self.contact.rows) if row in rows]
+        found = self._replace(K=self.K[kept], on_a=self.on_a[kept], on_b=self.on_b[kept], r=np.zeros(len(kept)))
+        return found._replace(contact=replace(self.contact, rows=rows))
 
 
 class ForestMotion(NamedTuple):

@@ -16,7 +16,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution, in_range
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, sqrt, where
-from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 
 NULL_COLUMN = 1e-12  # columns that are smaller, relative to their unit, are zero
 
@@ -37,6 +37,14 @@ class ForestRows(NamedTuple):
     closures: list[slice]
     couplings: list[int]
     jacobians: list[Array]
+
+    def on_qd(self, motion: ForestMotion) -> Array:
+        """Return the rows on qd, (rows, n_v), in which the rates of free bodies are those of their frames."""
+        found = self.G.copy()
+        for body, at in zip(motion.bodies, motion.forest.velocities, strict=True):
+            if body.floats:
+                found[:, at] = [shift_wrench(body.at.centre, row) for row in self.G[:, at]]
+        return found
 
 
 def forest_rows(motion: ForestMotion) -> ForestRows:

@@ -103,6 +103,19 @@ def displaced(forest: Forest, q: Array, step: Array) -> Array:
     return concatenate(parts)
 
 
+def displacement(forest: Forest, before: Array, after: Array) -> Array:
+    """Return the step from some positions to others, (n_v,), for `displaced`."""
+    parts = []
+    for body, at in zip(forest.bodies, forest.positions, strict=True):
+        old, new = before[at], after[at]
+        if body.joint.of_kind.pose:
+            there, here = rotation.from_quaternion(new[:4]), rotation.from_quaternion(old[:4])
+            parts += [rotation.log(there @ here.T), new[4:] - old[4:]]
+        else:
+            parts.append(new - old)
+    return concatenate(parts)
+
+
 def damping_torques(forest: Forest, qd: Array) -> Array:
     """Return damping qd, (n_v,)."""
     parts = [body.joint.damping * qd[at] for body, at in zip(forest.bodies, forest.velocities, strict=True)]

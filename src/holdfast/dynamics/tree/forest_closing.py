@@ -1,0 +1,176 @@
+"""Positions and velocities that satisfy a forest's closures and couplings, and impulses when it becomes closed.
+
+A gap is removed by the smallest change in the kinetic metric, which is the forest at rest with the gaps as right-hand
+sides of its rows: the elimination in the order of its plan, as for accelerations (docs/theory/tree.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.result import Status
+from holdfast.dynamics.tree.elimination import ForestSolution
+from holdfast.dynamics.tree.forest_balance import kinetic_energy
+from holdfast.dynamics.tree.forest_dynamics import by_plan, forest_arguments
+from holdfast.dynamics.tree.forest_gaps import ForestGaps, position_gaps, require_closed, velocity_gaps
+from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
+from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced
+from holdfast.errors import ClosureError
+from holdfast.model.forest import Forest
+from holdfast.names import called
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array
+
+CLOSED_GAP = 1e-13  # m and rad: the iteration stops below this gap
+ACCEPTED_GAP = 1e-10  # a state with a gap below this is closed, if rounding allows no smaller one
+MOST_STEPS = 100
+LONGEST_STEP = 0.5  # rad and m
+SHORTEST_STEP = 1e-3  # of a step that closes the gaps no further
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class ForestState(Frozen):
+    """Positions and rates of a forest.
+
+    Attributes:
+        q: (n_q,) positions.
+        qd: (n_v,) rates.
+    """
+
+    q: Array
+    qd: Array
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class ForestImpulse(Frozen):
+    """Rates of a forest after impulses at its closures and couplings. SI units, world axes.
+
+    Attributes:
+        qd: (n_v,) rates afterwards.
+        closure_impulse: (closures, 6) [moment; force] impulse of body a on body b about the contact point [N m s, N s].
+        coupling_impulse: (couplings,) multipliers; a coupling acts on each of its joints with c times this.
+        energy_change: change of the kinetic energy, which is not positive [J].
+        status: whether the impulses are unique; if not, they are the smallest, as forces are. Rates are always unique.
+    """
+
+    qd: Array
+    closure_impulse: Array
+    coupling_impulse: Array
+    energy_change: float
+    status: Status
+
+
+@np.errstate(all="ignore")  # what overflows is refused
+def forest_close(forest: Forest, q: ArrayLike, qd: ArrayLike | None = None) -> ForestState:
+    """Return the state near a given one that satisfies all closures and couplings, O(n) per step.
+
+    Newton steps, each the smallest in the kinetic metric, close the position rows and the couplings with offsets; then
+    the rates are changed once, by the smallest change in the same metric.
+
+    Args:
+        forest: bodies, closures and couplings.
+        q: (n_q,) positions to start from.
+        qd: (n_v,) rates to stay near; zero by default.
+
+    Raises:
+        StateError: a shape is wrong.
+        ClosureError: the closures cannot be closed from there; the message names the gaps.
+    """
+    n = forest.velocity_count if isinstance(forest, Forest) else 0
+    given = forest_arguments(forest, q, np.zeros(n) if qd is None else qd, np.zeros(n))
+    positions = closed_positions(forest, given.q)
+    there = given._replace(q=positions)
+    return ForestState(positions, given.qd + _velocity_change(there)[0])
+
+
+@np.errstate(all="ignore")  # what overflows is refused
+def forest_impulse(forest: Forest, q: ArrayLike, qd: ArrayLike) -> ForestImpulse:
+    """Return the rates after the impulses that make them agree at all closures and couplings. O(n).
+
+    M dqd = G^T p with G (qd + dqd) = 0: perfectly plastic, as when a hand grips or a foot lands.
+
+    Args:
+        forest: bodies, closures and couplings, the new ones among them.
+        q: (n_q,) positions, which satisfy them.
+        qd: (n_v,) rates before.
+
+    Raises:
+        StateError: a shape is wrong, or the positions violate a closure.
+    """
+    n = forest.velocity_count if isinstance(forest, Forest) else 0
+    given = forest_arguments(forest, q, qd, np.zeros(n))
+    still = given._replace(qd=0.0 * given.qd)
+    require_closed(still.motion({}), still.q, still.qd)
+    change, found, motion = _velocity_change(given)
+    rank, wrenches, multipliers = int(found.rank), found.wrenches, found.multipliers
+    unique = rank == forest.constraint_row_count
+    if not unique:
+        wrenches, multipliers = least_forces(motion, forest_rows(motion), wrenches, multipliers, rank)
+    after = given._replace(qd=given.qd + change)
+    return ForestImpulse(
+        after.qd,
+        np.array(wrenches).reshape(-1, 6),
+        np.array(multipliers),
+        float(kinetic_energy(after.motion({}), after.qd) - kinetic_energy(motion, given.qd)),
+        Status.OK if unique else Status.INDETERMINATE_FORCES,
+    )
+
+
+def closed_positions(forest: Forest, q: Array) -> Array:
+    """Return positions near some with closures and couplings satisfied; see `forest_close`."""
+    motion, gaps = _gaps_at(forest, q)
+    for _ in range(MOST_STEPS):
+        size = gaps.largest
+        if size <= CLOSED_GAP:
+            break
+        step = _removing(motion, gaps)[0]
+        step, part = step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)), 1.0
+        while True:
+            there = displaced(forest, q, part * step)
+            moved, left = _gaps_at(forest, there)
+            if left.largest < size or part < SHORTEST_STEP:
+                break
+            part *= 0.5
+        if not left.largest < size:
+            break
+        q, motion, gaps = there, moved, left
+    if not gaps.largest <= ACCEPTED_GAP:
+        open_ones = [
+            f"{x:.3g} at closure {i}" for i, gap in enumerate(gaps.closures) if (x := _largest(gap)) > ACCEPTED_GAP
+        ]
+        open_ones += [f"{abs(x):.3g} at coupling {i}" for i, x in enumerate(gaps.couplings) if abs(x) > ACCEPTED_GAP]
+        raise ClosureError(
+            f"cannot close the forest: gaps (m or rad) of {', '.join(open_ones)} are left; try positions nearer to a"
+            " closed posture, or other frames of the closures"
+        )
+    return q
+
+
+def _velocity_change(given: ForestArguments) -> tuple[Array, ForestSolution, ForestMotion]:
+    """Return the change of rates that removes velocity gaps, the solution at rest, and the motion before."""
+    motion = given.motion({})
+    change, found = _removing(motion, velocity_gaps(motion, given.qd))
+    return change, found, motion
+
+
+def _removing(motion: ForestMotion, gaps: ForestGaps) -> tuple[Array, ForestSolution]:
+    """Return the smallest change in the kinetic metric that removes gaps, in the coordinates of qd, and all of it."""
+    found = by_plan(motion.at_rest_with([-x for x in gaps.closures], [-x for x in gaps.couplings]))
+    return np.concatenate([b.of_frame(x) for b, x in zip(motion.bodies, found.qdd, strict=True)]), found
+
+
+def _gaps_at(forest: Forest, q: Array) -> tuple[ForestMotion, ForestGaps]:
+    """Return the forest at rest with its position rows, and the gaps along them."""
+    none = np.zeros(forest.velocity_count)
+    motion = ForestArguments(forest, q, none, none, np.zeros((len(forest.bodies), 6))).motion({})
+    return motion._replace(closures=[c.in_position() for c in motion.closures]), position_gaps(motion, q)
+
+
+def _largest(gap: Array) -> float:
+    return float(np.abs(gap).max(initial=0.0))

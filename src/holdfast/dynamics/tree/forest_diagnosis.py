@@ -1,0 +1,249 @@
+"""Rank of a forest part by part, in words, and its comparison with closed postures nearby.
+
+Null forces, ranks and singular postures of a forest are those of its parts with locked roots (docs/theory/tree.md), so
+each part is judged by itself: in a forest whose other closures are open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.tree.forest_closing import closed_positions
+from holdfast.dynamics.tree.forest_dynamics import by_plan, forest_arguments
+from holdfast.dynamics.tree.forest_gaps import require_closed
+from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.dynamics.tree.forest_rows import forest_rows, reach, turning
+from holdfast.dynamics.tree.order import ForestPart
+from holdfast.dynamics.tree.plan import plan_of
+from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced, displacement
+from holdfast.errors import ClosureError, SingularChainError
+from holdfast.model.forest import GROUND, Forest
+from holdfast.names import called
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array
+
+NEIGHBOURS = 8
+NEIGHBOUR_DISTANCE = 0.1  # rad, or fraction of the forest's reach
+SHORTER = (1.0, 0.25, 0.0625)  # fractions of this distance to try in turn
+STRAYED = 3.0  # a closed posture that is farther away than this multiple is not a neighbour
+TANGENT_STEPS = (0.05, 0.005, 0.0005)  # the same: near a singular posture only short ones lead on
+BEGINS = 0.5  # fraction of a step that is left after closing if a velocity begins a motion
+
+PartStatus = Literal["regular", "indeterminate", "singular"]
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class PartDiagnosis(Frozen):
+    """The constraint of one part of a forest, whose loops settle together.
+
+    Attributes:
+        name: its bodies and closures, in words.
+        bodies: indices of its bodies, without the root on which they hang.
+        closures: indices of its closures.
+        couplings: indices of its couplings.
+        rank: number of independent rows.
+        generic_rank: the rank at closed postures nearby.
+        rows: number of rows.
+        status: "regular", "indeterminate" (the rank is low here and nearby) or "singular" (lower than nearby).
+        words: what that means.
+    """
+
+    name: str
+    bodies: tuple[int, ...]
+    closures: tuple[int, ...]
+    couplings: tuple[int, ...]
+    rank: int
+    generic_rank: int
+    rows: int
+    status: PartStatus
+    words: str
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class ForestDiagnosis(Frozen):
+    """Mobility and rank of a forest in a posture, part by part.
+
+    Attributes:
+        mobility: dimension of the space of rates that closures and couplings allow.
+        rank: number of independent rows of the constraint.
+        generic_rank: the rank at closed postures nearby.
+        rows: number of rows.
+        condition: dimensionless condition number, as in `ForestResult`; infinite in a singular posture.
+        parts: the parts with closures or couplings.
+    """
+
+    mobility: int
+    rank: int
+    generic_rank: int
+    rows: int
+    condition: float
+    parts: tuple[PartDiagnosis, ...]
+
+    @property
+    def status(self) -> PartStatus:
+        """The worst of the parts."""
+        found = {part.status for part in self.parts}
+        return "singular" if "singular" in found else "indeterminate" if "indeterminate" in found else "regular"
+
+    def __repr__(self) -> str:
+        """Return the report."""
+        return f"<ForestDiagnosis: {self.report()}>"
+
+    def report(self) -> str:
+        """Return the diagnosis as text, a line for every part that is not regular."""
+        head = (
+            f"{self.status}: rank {self.rank} of {self.rows} (nearby {self.generic_rank}), mobility {self.mobility},"
+            f" condition {self.condition:.3g}"
+        )
+        return "\n".join([head, *(f"  {part.name}: {part.words}" for part in self.parts if part.status != "regular")])
+
+
+@np.errstate(all="ignore")  # what overflows is refused
+def forest_diagnose(forest: Forest, q: ArrayLike) -> ForestDiagnosis:
+    """Return rank and mobility of a forest, and which of its parts are over-constrained or in a singular posture.
+
+    Every part with a low rank is compared with closed postures about 0.1 rad away. O(n) where all rows are independent,
+    O(n^2) otherwise.
+
+    Args:
+        forest: bodies, closures and couplings.
+        q: (n_q,) positions, which satisfy them.
+
+    Raises:
+        StateError: a shape is wrong, or the positions violate a closure.
+    """
+    n = forest.velocity_count if isinstance(forest, Forest) else 0
+    given = forest_arguments(forest, q, np.zeros(n), np.zeros(n))
+    motion = given.motion({})
+    require_closed(motion, given.q, given.qd)
+    parts = tuple(
+        judged(forest, part, given.q) for part in plan_of(forest.topology).parts if part.closures or part.couplings
+    )
+    rank, singular = sum(part.rank for part in parts), any(part.status == "singular" for part in parts)
+    return ForestDiagnosis(
+        mobility=n - rank,
+        rank=rank,
+        generic_rank=sum(part.generic_rank for part in parts),
+        rows=forest.constraint_row_count,
+        condition=np.inf if singular else 1.0 / float(by_plan(motion).weakest),
+        parts=parts,
+    )
+
+
+def require_regular(forest: Forest, q: Array) -> None:
+    """Refuse a posture in which a part has a lower rank than nearby.
+
+    Raises:
+        SingularChainError: naming the parts.
+    """
+    found = (judged(forest, part, q) for part in plan_of(forest.topology).parts if part.closures or part.couplings)
+    singular = [f"{part.name}: {part.words}" for part in found if part.status == "singular"]
+    if singular:
+        raise SingularChainError(
+            f"a singular posture, where nothing has derivatives: {'; '.join(singular)}. Try another posture;"
+            " forest_diagnose names all parts"
+        )
+
+
+def judged(forest: Forest, part: ForestPart, q: Array) -> PartDiagnosis:
+    """Return the rank of one part, and how it compares with closed postures nearby.
+
+    Args:
+        forest: the forest.
+        part: one of the parts of its plan.
+        q: (n_q,) closed positions.
+    """
+    own = Forest(
+        forest.bodies, [forest.closures[i] for i in part.closures], [forest.couplings[i] for i in part.couplings]
+    )
+    rows, motion = own.constraint_row_count, _at_rest(own, q)
+    rank = generic = int(by_plan(motion).rank)
+    status: PartStatus = "regular"
+    words = f"rank {rank} of {rows}"
+    if rank < rows:
+        alone = _Alone(own, part, q, motion)
+        generic = alone.generic_rank(rank)
+        status = "indeterminate"
+        words = f"{_count(rows - rank, 'force')} of closures or couplings that nothing determines, here and nearby"
+        if rank < generic:
+            status, words = "singular", f"{_count(generic - rank, 'motion')} more than nearby"
+        elif not alone.velocities_are_motions(rank):
+            status, words = "singular", "some velocities that its closures allow begin no motion"
+    bodies = tuple(sorted(part.members))
+    return PartDiagnosis(_name(forest, part), bodies, part.closures, part.couplings, rank, generic, rows, status, words)
+
+
+class _Alone:
+    """One part of a forest, the other closures being open, and closed postures near to one."""
+
+    def __init__(self, forest: Forest, part: ForestPart, q: Array, motion: ForestMotion) -> None:
+        self.forest, self.q, self.motion = forest, q, motion
+        self.own = np.zeros(forest.velocity_count, dtype=bool)
+        for k in part.members:
+            self.own[forest.velocities[k]] = True
+        self.unit = np.where(turning(motion), 1.0, reach(motion))
+
+    def closed(self, step: Array) -> Array | None:
+        """Return the displacement from here, in units, to the closed posture near a step; None if there is none."""
+        try:
+            there = closed_positions(self.forest, displaced(self.forest, self.q, self.unit * step))
+        except ClosureError:
+            return None
+        return displacement(self.forest, self.q, there) / self.unit
+
+    def generic_rank(self, rank: int) -> int:
+        """Return the largest rank at closed postures nearby; that of here if there are none."""
+        for seed in range(NEIGHBOURS):
+            step = np.where(self.own, np.random.default_rng(seed).uniform(-1, 1, len(self.own)), 0.0)
+            for shorter in SHORTER:
+                distance = shorter * NEIGHBOUR_DISTANCE
+                moved = self.closed(distance * step)
+                if moved is not None and np.abs(moved[self.own]).max() <= STRAYED * distance:
+                    there = displaced(self.forest, self.q, self.unit * moved)
+                    rank = max(rank, int(by_plan(_at_rest(self.forest, there)).rank))
+                    break
+            if rank == self.forest.constraint_row_count:
+                break
+        return rank
+
+    def velocities_are_motions(self, rank: int) -> bool:
+        """Return whether every velocity of the part that its closures allow begins a motion.
+
+        A step along each is closed again. At a regular point a short step persists; in a posture that is singular to
+        second order (two bars stretched between two pins) closing takes it back, however short it is.
+        """
+        basis = np.linalg.svd(forest_rows(self.motion).G[:, self.own] * self.unit[self.own])[2][rank:].T
+        return not basis.shape[1] or any(self._survive(basis, step) for step in TANGENT_STEPS)
+
+    def _survive(self, basis: Array, step: float) -> bool:
+        kept = []
+        for direction in basis.T:
+            whole = np.zeros(len(self.own))
+            whole[self.own] = step * direction
+            moved = self.closed(whole)
+            if moved is None:
+                return False
+            kept.append(basis.T @ moved[self.own] / step)
+        return bool(np.linalg.svd(np.array(kept), compute_uv=False)[-1] > BEGINS)
+
+
+def _at_rest(forest: Forest, q: Array) -> ForestMotion:
+    none = np.zeros(forest.velocity_count)
+    return ForestArguments(forest, q, none, none, np.zeros((len(forest.bodies), 6))).motion({})
+
+
+def _name(forest: Forest, part: ForestPart) -> str:
+    bodies = [forest.bodies[k].link.name or f"body {k}" for k in sorted(part.members)]
+    kinds = {"closure": part.closures, "coupling": part.couplings}
+    by = [f"{kind} {', '.join(map(str, found))}" for kind, found in kinds.items() if found]
+    return f"{' and '.join(by)} ({', '.join(bodies)}{' on the ground' if part.root == GROUND else ''})"
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
