@@ -242,7 +242,7 @@ def test_refusals(change, error, message):
     ],
 )
 def test_other_questions(ask):
-    """A forest answers nothing else yet, and is refused by name."""
+    """What is asked of chains refuses a forest by name."""
     with pytest.raises(ModelError, match="expected ClosedChain, got Forest"):
         ask(slider_crank(0.0)[0])
 

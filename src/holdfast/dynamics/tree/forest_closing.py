@@ -1,7 +1,8 @@
 """Positions and velocities that satisfy a forest's closures and couplings, and impulses when it becomes closed.
 
-A gap is removed by the smallest change in the kinetic metric, which is the forest at rest with the gaps as right-hand
-sides of its rows: the elimination in the order of its plan, as for accelerations (docs/theory/tree.md).
+A gap in velocity is removed by the smallest change in the kinetic metric, which is the forest at rest with the gaps as
+right-hand sides of its rows: the elimination in the order of its plan, as for accelerations (docs/theory/tree.md).
+Positions are closed beforehand by damped steps of least norm.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from holdfast.dynamics.tree.forest_balance import kinetic_energy
 from holdfast.dynamics.tree.forest_dynamics import by_plan, forest_arguments
 from holdfast.dynamics.tree.forest_gaps import ForestGaps, position_gaps, require_closed, velocity_gaps
 from holdfast.dynamics.tree.forest_motion import ForestMotion
-from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
+from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces, reach, turning
 from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced
 from holdfast.errors import ClosureError
 from holdfast.model.forest import Forest
@@ -29,7 +30,7 @@ CLOSED_GAP = 1e-13  # m and rad: the iteration stops below this gap
 ACCEPTED_GAP = 1e-10  # a state with a gap below this is closed, if rounding allows no smaller one
 MOST_STEPS = 100
 LONGEST_STEP = 0.5  # rad and m
-SHORTEST_STEP = 1e-3  # of a step that closes the gaps no further
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e6  # of the largest squared singular value, per gap
 
 
 @called
@@ -68,10 +69,10 @@ class ForestImpulse(Frozen):
 
 @np.errstate(all="ignore")  # what overflows is refused
 def forest_close(forest: Forest, q: ArrayLike, qd: ArrayLike | None = None) -> ForestState:
-    """Return the state near a given one that satisfies all closures and couplings, O(n) per step.
+    """Return the state near a given one that satisfies all closures and couplings, O(n^3) per step.
 
-    Newton steps, each the smallest in the kinetic metric, close the position rows and the couplings with offsets; then
-    the rates are changed once, by the smallest change in the same metric.
+    Damped Gauss-Newton steps of least norm, with lengths in units of the forest's reach, close the position rows and
+    the couplings with offsets; then the rates are changed once, by the smallest change in the kinetic metric.
 
     Args:
         forest: bodies, closures and couplings.
@@ -123,23 +124,26 @@ def forest_impulse(forest: Forest, q: ArrayLike, qd: ArrayLike) -> ForestImpulse
 
 
 def closed_positions(forest: Forest, q: Array) -> Array:
-    """Return positions near some with closures and couplings satisfied; see `forest_close`."""
+    """Return positions near some with closures and couplings satisfied; see `forest_close`.
+
+    Rows that follow from others are independent while closures are open, if weakly, and would lead astray: singular
+    values below the damping are left out, which is adapted as the gaps become smaller or not (Levenberg and Marquardt).
+    """
     motion, gaps = _gaps_at(forest, q)
+    damping = FIRST_DAMPING
     for _ in range(MOST_STEPS):
-        size = gaps.largest
-        if size <= CLOSED_GAP:
+        if gaps.largest <= CLOSED_GAP:
             break
-        step = _removing(motion, gaps)[0]
-        step, part = step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)), 1.0
-        while True:
-            there = displaced(forest, q, part * step)
-            moved, left = _gaps_at(forest, there)
-            if left.largest < size or part < SHORTEST_STEP:
-                break
-            part *= 0.5
-        if not left.largest < size:
-            break
-        q, motion, gaps = there, moved, left
+        step = _damped_step(motion, gaps, damping)
+        there = displaced(forest, q, step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)))
+        moved, left = _gaps_at(forest, there)
+        if left.size < gaps.size:
+            damping = max(0.3 * damping, LEAST_DAMPING)
+            q, motion, gaps = there, moved, left
+        elif gaps.largest <= ACCEPTED_GAP or damping > MOST_DAMPING:
+            break  # rounding allows no smaller gap, or the iteration has stalled
+        else:
+            damping *= 10.0
     if not gaps.largest <= ACCEPTED_GAP:
         open_ones = [
             f"{x:.3g} at closure {i}" for i, gap in enumerate(gaps.closures) if (x := _largest(gap)) > ACCEPTED_GAP
@@ -155,14 +159,18 @@ def closed_positions(forest: Forest, q: Array) -> Array:
 def _velocity_change(given: ForestArguments) -> tuple[Array, ForestSolution, ForestMotion]:
     """Return the change of rates that removes velocity gaps, the solution at rest, and the motion before."""
     motion = given.motion({})
-    change, found = _removing(motion, velocity_gaps(motion, given.qd))
-    return change, found, motion
-
-
-def _removing(motion: ForestMotion, gaps: ForestGaps) -> tuple[Array, ForestSolution]:
-    """Return the smallest change in the kinetic metric that removes gaps, in the coordinates of qd, and all of it."""
+    gaps = velocity_gaps(motion, given.qd)
     found = by_plan(motion.at_rest_with([-x for x in gaps.closures], [-x for x in gaps.couplings]))
-    return np.concatenate([b.of_frame(x) for b, x in zip(motion.bodies, found.qdd, strict=True)]), found
+    change = [body.of_frame(x) for body, x in zip(motion.bodies, found.qdd, strict=True)]
+    return np.concatenate(change), found, motion
+
+
+def _damped_step(motion: ForestMotion, gaps: ForestGaps, damping: float) -> Array:
+    """Return the smallest step, with lengths in units of the forest's reach, in the coordinates of qd, (n_v,)."""
+    unit = np.where(turning(motion), 1.0, reach(motion))
+    U, s, Vt = np.linalg.svd(forest_rows(motion).on_qd(motion) * unit, full_matrices=False)
+    apart = np.concatenate([*gaps.closures, gaps.couplings])
+    return unit * (Vt.T @ (s / (s * s + damping * gaps.size * s[0] ** 2) * (U.T @ -apart)))
 
 
 def _gaps_at(forest: Forest, q: Array) -> tuple[ForestMotion, ForestGaps]:

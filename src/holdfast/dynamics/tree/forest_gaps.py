@@ -24,6 +24,11 @@ class ForestGaps(NamedTuple):
     couplings: list[Scalar]
 
     @property
+    def size(self) -> float:
+        """The root of the sum of their squares."""
+        return float(np.linalg.norm(np.concatenate([*self.closures, self.couplings])))
+
+    @property
     def largest(self) -> float:
         """The largest of them; 0 without closures and couplings."""
         return max((float(np.abs(x).max(initial=0.0)) for x in (*self.closures, *self.couplings)), default=0.0)

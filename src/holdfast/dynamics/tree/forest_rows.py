@@ -156,7 +156,9 @@ def weighed_rows(motion: ForestMotion, rows: ForestRows) -> WeighedRows:
     factors = [cholesky((c.K * metric.weights) @ c.K.T) for c in motion.closures]
     factors += [array([[sqrt(weight)]]) for weight in metric.couplings]
     parts = [*rows.closures, *(slice(k, k + 1) for k in rows.couplings)]
-    E = np.concatenate([forward_substitution(C, rows.G[at]) for C, at in zip(factors, parts, strict=True)])
+    E = np.concatenate(
+        [rows.G[:0], *(forward_substitution(C, rows.G[at]) for C, at in zip(factors, parts, strict=True))]
+    )
     unit = [maximum(reach(motion), metric.length) if turn else 1.0 for turn in turning(motion)]
     felt = [where(column @ column > (NULL_COLUMN * u) ** 2, column, 0.0) for column, u in zip(E.T, unit, strict=True)]
     return WeighedRows(factors, array(felt).T)

@@ -11,14 +11,13 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.tree.forest_closing import forest_close
 from holdfast.dynamics.tree.forest_dynamics import forest_arguments, solved_forest
-from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced
+from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced, position_rates
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.forest import Forest
 from holdfast.names import called
-from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.scalar import Array
 
 ForestLaw = Callable[[float, Array, Array], ArrayLike]
 
@@ -51,8 +50,8 @@ def forest_simulate(
 ) -> ForestRun:
     """Return a motion of a forest in fixed steps, O(n) per step as `forest_dynamics`.
 
-    The scheme has fourth order. After every step, positions and rates are projected onto closures and couplings in the
-    kinetic metric (`forest_close`).
+    The scheme has fourth order. After every step, positions and rates are brought back to closures and couplings
+    (`forest_close`), which takes O(n^3).
 
     Args:
         forest: bodies, closures and couplings.
@@ -93,18 +92,6 @@ def forest_simulate(
         q, qd = closed.q, closed.qd
         record.append((q, qd))
     return ForestRun(h * np.arange(count + 1), *(np.array(x) for x in zip(*record, strict=True)))
-
-
-def position_rates(forest: Forest, q: Array, qd: Array) -> Array:
-    """Return dq/dt, (n_q,), of which the part of a quaternion is half the product of the angular velocity with it."""
-    parts = []
-    for body, at_q, at_v in zip(forest.bodies, forest.positions, forest.velocities, strict=True):
-        rates = qd[at_v]
-        if body.joint.of_kind.pose:
-            turning = 0.5 * rotation.quaternion_product(concatenate([[0.0], rates[:3]]), q[at_q][:4])
-            rates = concatenate([turning, rates[3:]])
-        parts.append(rates)
-    return concatenate(parts)
 
 
 def _unit_quaternions(forest: Forest, q: Array) -> Array:

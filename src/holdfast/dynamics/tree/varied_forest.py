@@ -61,7 +61,7 @@ class ForestArguments(NamedTuple):
         return {name: own[name]() for name in names}
 
     def motion(self, varied: Mapping[str, Array]) -> ForestMotion:
-        """Return the motion with some numbers replaced, named as by `values`."""
+        """Return the motion with some numbers replaced, named as by `values`; tangents are exact to first order."""
         forest = self.forest
         if not varied.keys() <= {"q", "qd", "tau", "link_wrench"}:
             forest = changed(
@@ -77,7 +77,7 @@ class ForestArguments(NamedTuple):
                 ),
                 gravity=varied.get("gravity", forest.gravity),
             )
-        q = displaced(self.forest, self.q, varied["q"]) if "q" in varied else self.q
+        q = self.q + position_rates(self.forest, self.q, varied["q"]) if "q" in varied else self.q
         qd, tau, wrenches = (
             varied.get(name, own) for name, own in (("qd", self.qd), ("tau", self.tau), ("link_wrench", self.wrenches))
         )
@@ -100,6 +100,18 @@ def displaced(forest: Forest, q: Array, step: Array) -> Array:
             parts += [rotation.normalised(turned), own[4:] + by[3:]]
         else:
             parts.append(own + by)
+    return concatenate(parts)
+
+
+def position_rates(forest: Forest, q: Array, qd: Array) -> Array:
+    """Return dq/dt, (n_q,), of which the part of a quaternion is half the product of the angular velocity with it."""
+    parts = []
+    for body, at_q, at_v in zip(forest.bodies, forest.positions, forest.velocities, strict=True):
+        rates = qd[at_v]
+        if body.joint.of_kind.pose:
+            turning = 0.5 * rotation.quaternion_product(concatenate([[0.0], rates[:3]]), q[at_q][:4])
+            rates = concatenate([turning, rates[3:]])
+        parts.append(rates)
     return concatenate(parts)
 
 

@@ -23,7 +23,7 @@ from holdfast.dynamics.tree.forest_dynamics import by_plan
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.spatial.differentiation import gradient
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
-from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.spatial.spatial_vector import acceleration_gradient, shift_twist, unrotate
 
 
 class ForestUnknowns(NamedTuple):
@@ -98,11 +98,14 @@ def virtual_power(motion: ForestMotion, z: ForestUnknowns, y: ForestUnknowns) ->
         y: the multipliers.
     """
     power: Scalar = 0.0
-    bodies = zip(motion.bodies, carried(motion, z.rates), carried(motion, y.rates), z.rates, y.rates, strict=True)
-    for body, a, U, qdd, rate in bodies:
-        power = power + U @ (body.inertia.apply(a) + body.load - body.wrench)
-        if not body.floats:
-            power = power + rate @ (body.armature * qdd - body.torque)
+    bodies = zip(motion.forest.bodies, motion.bodies, carried(motion, z.rates), carried(motion, y.rates), strict=True)
+    for (body, part, a, U), qdd, rate in zip(bodies, z.rates, y.rates, strict=True):
+        R, l = part.at.frame.R, -part.at.centre
+        acceleration, w = unrotate(R, part.at.zeta_at(l) + shift_twist(l, a)), part.at.twist[:3] @ R
+        needed = body.link.spatial_inertia.wrench(acceleration, w, acceleration_gradient(acceleration[:3], w))
+        power = power + unrotate(R, shift_twist(l, U)) @ needed - U @ part.pushed
+        if not part.floats:
+            power = power + rate @ (part.armature * qdd - part.torque)
     (moved, coupled), (apart, uncoupled) = along_rows(motion, y.rates), along_rows(motion, z.rates)
     closures = zip(motion.closures, moved, apart, z.closures, y.closures, strict=True)
     for c, virtual, gap, force, multiplier in closures:
