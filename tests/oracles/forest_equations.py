@@ -137,13 +137,13 @@ class ForestEquations:
         )
         rows = grasp_rows(grasp, on_b, of_a, numbers)
         K = np.array([np.concatenate([row.m, row.n]) for row in rows])
-        lever, passing = point - b.origin, cross(b.omega, speed - b.v)
-        if keeps_its_point(grasp):
-            lever = b.R @ numbers.array(grasp.frame.p)
-            passing = centripetal(b.omega, lever)
-        passing = passing - centripetal(a.omega, point - a.origin)
-        moving = np.concatenate([b.omega - a.omega, b.v + cross(b.omega, lever) - speed])
-        free = without_components(moving, K)
+        keeps = keeps_its_point(grasp)
+        lever = b.R @ numbers.array(grasp.frame.p) if keeps else point - b.origin
+        free = without_components(
+            np.concatenate([b.omega - a.omega, b.v + cross(b.omega, lever) - speed]), K
+        )  # as the velocities are, if they satisfy the closure
+        carried = cross(b.omega, lever) - (0 if keeps else free[3:])  # of the point, as it moves through b
+        passing = cross(b.omega, carried) - centripetal(a.omega, point - a.origin)
         rhs = [row.n @ passing + row.m_dot @ free[:3] + row.n_dot @ free[3:] for row in rows]
         forces = self.system.unknowns(np.array(rhs, dtype=object))
         of_b, of_tip = -(K @ self._carried(lever)), K @ self._carried(point - a.origin)

@@ -140,7 +140,7 @@ def closed_positions(forest: Forest, q: Array) -> Array:
         if left.size < gaps.size:
             damping = max(0.3 * damping, LEAST_DAMPING)
             q, motion, gaps = there, moved, left
-        elif gaps.largest <= ACCEPTED_GAP or damping > MOST_DAMPING:
+        elif damping > (1.0 if gaps.largest <= ACCEPTED_GAP else MOST_DAMPING):
             break  # rounding allows no smaller gap, or the iteration has stalled
         else:
             damping *= 10.0

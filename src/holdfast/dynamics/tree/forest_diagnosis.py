@@ -30,8 +30,9 @@ NEIGHBOURS = 8
 NEIGHBOUR_DISTANCE = 0.1  # rad, or fraction of the forest's reach
 SHORTER = (1.0, 0.25, 0.0625)  # fractions of this distance to try in turn
 STRAYED = 3.0  # a closed posture that is farther away than this multiple is not a neighbour
-TANGENT_STEPS = (0.05, 0.005, 0.0005)  # the same: near a singular posture only short ones lead on
-BEGINS = 0.5  # fraction of a step that is left after closing if a velocity begins a motion
+TANGENT_STEPS = (5e-3, 5e-4, 5e-5)  # the same: near a singular posture only short ones lead on
+DIRECTIONS = 3  # velocities that are tried
+TAKEN_BACK = 0.1  # fraction of a step that closing changes if no motion begins
 
 PartStatus = Literal["regular", "indeterminate", "singular"]
 
@@ -213,24 +214,21 @@ class _Alone:
         return rank
 
     def velocities_are_motions(self, rank: int) -> bool:
-        """Return whether every velocity of the part that its closures allow begins a motion.
+        """Return whether the velocities of the part that its closures allow begin motions.
 
-        A step along each is closed again. At a regular point a short step persists; in a posture that is singular to
-        second order (two bars stretched between two pins) closing takes it back, however short it is.
+        Steps along a few of them are closed again. At a regular point, a short step persists; in a posture that is
+        singular to second order (two bars stretched between two pins), closing changes it in proportion to its length.
         """
-        basis = np.linalg.svd(forest_rows(self.motion).G[:, self.own] * self.unit[self.own])[2][rank:].T
-        return not basis.shape[1] or any(self._survive(basis, step) for step in TANGENT_STEPS)
+        basis = np.linalg.svd(forest_rows(self.motion).on_qd(self.motion)[:, self.own] * self.unit[self.own])[2][rank:].T
+        ways = [basis @ np.random.default_rng(seed).normal(size=basis.shape[1]) for seed in range(DIRECTIONS)]
+        return not basis.shape[1] or all(any(self._leads_on(way, step) for step in TANGENT_STEPS) for way in ways)
 
-    def _survive(self, basis: Array, step: float) -> bool:
-        kept = []
-        for direction in basis.T:
-            whole = np.zeros(len(self.own))
-            whole[self.own] = step * direction
-            moved = self.closed(whole)
-            if moved is None:
-                return False
-            kept.append(basis.T @ moved[self.own] / step)
-        return bool(np.linalg.svd(np.array(kept), compute_uv=False)[-1] > BEGINS)
+    def _leads_on(self, way: Array, length: float) -> bool:
+        """Return whether a step of a given length persists when it is closed again."""
+        step = np.zeros(len(self.own))
+        step[self.own] = length * way / np.linalg.norm(way)
+        moved = self.closed(step)
+        return moved is not None and bool(np.linalg.norm((moved - step)[self.own]) <= TAKEN_BACK * length)
 
 
 def _at_rest(forest: Forest, q: Array) -> ForestMotion:
