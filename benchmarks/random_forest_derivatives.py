@@ -22,8 +22,8 @@ from tests.systems.random_forests import ForestProblem, random_forest
 from holdfast.compiler.trace import trace
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.forest_derivatives import (
-    RESULTS,
-    STATE_AND_TORQUES,
+    FOREST_RESULTS,
+    POSITIONS_RATES_TORQUES,
     ForestPoint,
     backward,
     forest_dynamics_jacobian,
@@ -32,8 +32,8 @@ from holdfast.dynamics.tree.forest_derivatives import (
 )
 from holdfast.dynamics.tree.forest_dynamics import by_plan, forest_dynamics
 from holdfast.dynamics.tree.forest_rows import forest_rows
-from holdfast.dynamics.tree.varied_forest import ARGUMENTS, ForestArguments
-from holdfast.dynamics.tree.virtual_power import outputs, unknowns_of
+from holdfast.dynamics.tree.varied_forest import FOREST_ARGUMENTS, ForestArguments
+from holdfast.dynamics.tree.virtual_power import carried, outputs, unknowns_of
 from holdfast.errors import SingularChainError
 
 ACCELERATIONS = ("qdd", "acceleration")
@@ -59,11 +59,16 @@ class Outcome(NamedTuple):
 def outcome(p: ForestProblem) -> Outcome:
     """Return how the derivatives of a forest compare."""
     try:
-        found = forest_dynamics_jacobian(*p[1:], of=RESULTS, by=ARGUMENTS)
+        found = forest_dynamics_jacobian(*p[1:], of=FOREST_RESULTS, by=FOREST_ARGUMENTS)
     except SingularChainError:
         return Outcome(p.name, None, np.nan, np.nan)
-    truth, unique = forest_derivatives(p, ARGUMENTS), found.result.status is Status.OK
-    pairs = [(of, by) for of in RESULTS for by in ARGUMENTS if unique or (of in ACCELERATIONS and by in KEEP_CLOSED)]
+    truth, unique = forest_derivatives(p, FOREST_ARGUMENTS), found.result.status is Status.OK
+    pairs = [
+        (of, by)
+        for of in FOREST_RESULTS
+        for by in FOREST_ARGUMENTS
+        if unique or (of in ACCELERATIONS and by in KEEP_CLOSED)
+    ]
     errors = [gap(columns(found[pair], pair[1]), truth.matrices[pair[0]][:, truth.at[pair[1]]]) for pair in pairs]
     if not unique:
         errors += [gap(*both) for both in along_a_motion(p, truth)]
@@ -90,8 +95,8 @@ def along_a_motion(p: ForestProblem, truth: ForestDerivatives) -> Iterator[tuple
         given["q"] = allowed(p, random.normal(size=forest.velocity_count))
     found = forest_dynamics_jvp(*p[1:], along=given, check=False)
     for name in ACCELERATIONS:
-        wanted = sum(truth.matrices[name][:, truth.at[by]] @ x for by, x in given.items())
-        yield found[name], wanted
+        parts = [truth.matrices[name][:, truth.at[by]] @ x for by, x in given.items()]
+        yield found[name], np.sum(parts, axis=0)
 
 
 def allowed(p: ForestProblem, rates: np.ndarray) -> np.ndarray:
@@ -104,13 +109,13 @@ def allowed(p: ForestProblem, rates: np.ndarray) -> np.ndarray:
 def adjoint_error(p: ForestProblem) -> float:
     """Return the difference of a gradient times a direction from a cotangent times its rates, relative to its terms."""
     random = np.random.default_rng(1)
-    values = ForestArguments(*p[1:]).values(ARGUMENTS)
+    values = ForestArguments(*p[1:]).values(FOREST_ARGUMENTS)
     along = {name: random.normal(size=x.shape) for name, x in values.items()}
     rates = forest_dynamics_jvp(*p[1:], along=along, check=False)
-    bars = {name: random.normal(size=rates[name].shape) for name in RESULTS}
-    gradients = forest_dynamics_vjp(*p[1:], by=ARGUMENTS, check=False, **bars)
-    forth = [(bars[name] * rates[name]).ravel() for name in RESULTS]
-    back = [(gradients[name] * along[name]).ravel() for name in ARGUMENTS]
+    bars = {name: random.normal(size=rates[name].shape) for name in FOREST_RESULTS}
+    gradients = forest_dynamics_vjp(*p[1:], by=FOREST_ARGUMENTS, check=False, **bars)
+    forth = [(bars[name] * rates[name]).ravel() for name in FOREST_RESULTS]
+    back = [(gradients[name] * along[name]).ravel() for name in FOREST_ARGUMENTS]
     size = sum(np.abs(x).sum() for x in (*forth, *back))
     return float(abs(sum(x.sum() for x in forth) - sum(x.sum() for x in back))) / max(1.0, size)
 
@@ -124,17 +129,20 @@ def costs(p: ForestProblem) -> tuple[int, int]:
         found = by_plan(motion)
         return ForestPoint(given, motion, unknowns_of(motion, list(found.qdd), found.wrenches, found.multipliers), None)
 
+    def shown(at: ForestPoint) -> tuple:
+        return tuple(outputs(at.motion, at.z, carried(at.motion, at.z.rates)))
+
     def forward(q, qd, tau) -> tuple:
         at = solved(q, qd, tau)
-        return tuple(outputs(at.motion, at.z))
+        return shown(at)
 
     def with_gradient(q, qd, tau, *bars) -> tuple:
         at = solved(q, qd, tau)
-        found = backward(at, dict(zip(RESULTS, bars, strict=True)), STATE_AND_TORQUES)
-        return *outputs(at.motion, at.z), *found.values()
+        found = backward(at, dict(zip(FOREST_RESULTS, bars, strict=True)), POSITIONS_RATES_TORQUES)
+        return *shown(at), *found.values()
 
     shapes = [x.shape for x in p[2:5]]
-    bars = [x.shape for x in outputs(*solved(*p[2:5])[1:3])]
+    bars = [x.shape for x in shown(solved(*p[2:5]))]
     return trace(forward, shapes).operation_count, trace(with_gradient, [*shapes, *bars]).operation_count
 
 

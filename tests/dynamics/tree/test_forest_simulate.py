@@ -38,6 +38,8 @@ def test_torques_and_times():
     np.testing.assert_allclose(run.q, np.tile(q, (5, 1)), atol=1e-14)  # gravity is along the axes
     with pytest.raises(StateError, match="torque: expected shape"):
         forest_simulate(forest, q, np.zeros(3), lambda t, q, qd: [0.0], duration=0.1, step=0.03)
+    with pytest.raises(StateError, match="step: expected at most 100000 steps"):
+        forest_simulate(forest, q, np.zeros(3), duration=1e30, step=0.03)
     with pytest.raises(StateError, match="closure 0"):
         forest_simulate(forest, [0.4, 0.0, 0.0], np.zeros(3), duration=0.1, step=0.03)
 

@@ -26,11 +26,11 @@ from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
-CLOSED_GAP = 1e-13  # m and rad: the iteration stops below this gap
-ACCEPTED_GAP = 1e-10  # a state with a gap below this is closed, if rounding allows no smaller one
-MOST_STEPS = 100
-LONGEST_STEP = 0.5  # rad and m
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e6  # of the largest squared singular value, per gap
+FOREST_CLOSED = 1e-13  # m and rad: the iteration stops below this gap
+NEARLY_CLOSED = 1e-10  # a state with a gap below this is closed, if rounding allows no smaller one
+MOST_CLOSING_STEPS = 100
+LONGEST_CLOSING_STEP = 0.5  # rad and m
+FIRST_DAMPING, WEAKEST_DAMPING, STRONGEST_DAMPING = 1e-2, 1e-6, 1e6  # of the largest squared singular value, per gap
 
 
 @called
@@ -131,24 +131,24 @@ def closed_positions(forest: Forest, q: Array) -> Array:
     """
     motion, gaps = _gaps_at(forest, q)
     damping = FIRST_DAMPING
-    for _ in range(MOST_STEPS):
-        if gaps.largest <= CLOSED_GAP:
+    for _ in range(MOST_CLOSING_STEPS):
+        if gaps.largest <= FOREST_CLOSED:
             break
         step = _damped_step(motion, gaps, damping)
-        there = displaced(forest, q, step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)))
+        there = displaced(forest, q, step * min(1.0, LONGEST_CLOSING_STEP / max(float(np.abs(step).max()), 1e-300)))
         moved, left = _gaps_at(forest, there)
         if left.size < gaps.size:
-            damping = max(0.3 * damping, LEAST_DAMPING)
+            damping = max(0.3 * damping, WEAKEST_DAMPING)
             q, motion, gaps = there, moved, left
-        elif damping > (1.0 if gaps.largest <= ACCEPTED_GAP else MOST_DAMPING):
+        elif damping > (1.0 if gaps.largest <= NEARLY_CLOSED else STRONGEST_DAMPING):
             break  # rounding allows no smaller gap, or the iteration has stalled
         else:
             damping *= 10.0
-    if not gaps.largest <= ACCEPTED_GAP:
+    if not gaps.largest <= NEARLY_CLOSED:
         open_ones = [
-            f"{x:.3g} at closure {i}" for i, gap in enumerate(gaps.closures) if (x := _largest(gap)) > ACCEPTED_GAP
+            f"{x:.3g} at closure {i}" for i, gap in enumerate(gaps.closures) if (x := _largest(gap)) > NEARLY_CLOSED
         ]
-        open_ones += [f"{abs(x):.3g} at coupling {i}" for i, x in enumerate(gaps.couplings) if abs(x) > ACCEPTED_GAP]
+        open_ones += [f"{abs(x):.3g} at coupling {i}" for i, x in enumerate(gaps.couplings) if abs(x) > NEARLY_CLOSED]
         raise ClosureError(
             f"cannot close the forest: gaps (m or rad) of {', '.join(open_ones)} are left; try positions nearer to a"
             " closed posture, or other frames of the closures"

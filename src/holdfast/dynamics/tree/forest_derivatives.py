@@ -18,10 +18,11 @@ from holdfast.dynamics.tree.forest_diagnosis import require_regular
 from holdfast.dynamics.tree.forest_dynamics import ForestResult, forest_arguments, solved_forest
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.least_force_rates import LeastForceRates, least_force_rates
-from holdfast.dynamics.tree.varied_forest import ARGUMENTS, ForestArguments
+from holdfast.dynamics.tree.varied_forest import FOREST_ARGUMENTS, ForestArguments
 from holdfast.dynamics.tree.virtual_power import (
     ForestOutputs,
     ForestUnknowns,
+    carried,
     outputs,
     residual,
     solved_at_rest,
@@ -37,8 +38,8 @@ from holdfast.spatial.differentiation import gradient, linearised
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.symmetric import symmetric_part
 
-RESULTS = ForestOutputs._fields
-STATE_AND_TORQUES = ("q", "qd", "tau")
+FOREST_RESULTS = ForestOutputs._fields
+POSITIONS_RATES_TORQUES = ("q", "qd", "tau")
 
 
 class ForestPoint(NamedTuple):
@@ -65,7 +66,7 @@ def forest_dynamics_vjp(
     tau: ArrayLike,
     wrenches: ArrayLike | None = None,
     *,
-    by: Sequence[str] = STATE_AND_TORQUES,
+    by: Sequence[str] = POSITIONS_RATES_TORQUES,
     check: bool = True,
     **cotangents: ArrayLike,
 ) -> Derivatives:
@@ -97,8 +98,8 @@ def forest_dynamics_vjp(
         SingularChainError: no accelerations satisfy the closures.
     """
     what = "forest_dynamics_vjp"
-    require_names(what, by, ARGUMENTS)
-    require_names(what, cotangents, RESULTS)
+    require_names(what, by, FOREST_ARGUMENTS)
+    require_names(what, cotangents, FOREST_RESULTS)
     at, result = forest_point(forest_arguments(forest, q, qd, tau, wrenches), check)
     checked = {name: checks.numbers(x, getattr(result, name).shape, name, StateError) for name, x in cotangents.items()}
     return finite_derivatives(result, backward(at, checked, by))
@@ -137,7 +138,7 @@ def forest_dynamics_jvp(
     """
     what = "forest_dynamics_jvp"
     checks.instance(along, Mapping, f"{what}: along", StateError)
-    require_names(what, along, ARGUMENTS)
+    require_names(what, along, FOREST_ARGUMENTS)
     at, result = forest_point(forest_arguments(forest, q, qd, tau, wrenches), check)
     shapes = {name: x.shape for name, x in at.given.values(list(along)).items()}
     given = directions(what, along, shapes)
@@ -157,7 +158,7 @@ def forest_dynamics_jacobian(
     wrenches: ArrayLike | None = None,
     *,
     of: Sequence[str] = ("qdd", "closure_wrench"),
-    by: Sequence[str] = STATE_AND_TORQUES,
+    by: Sequence[str] = POSITIONS_RATES_TORQUES,
     check: bool = True,
 ) -> Derivatives:
     """Return the Jacobian of `forest_dynamics`, O(n^2); see `forest_dynamics_vjp` for the names.
@@ -180,8 +181,8 @@ def forest_dynamics_jacobian(
         SingularChainError: no accelerations satisfy the closures.
     """
     what = "forest_dynamics_jacobian"
-    require_names(what, of, RESULTS)
-    require_names(what, by, ARGUMENTS)
+    require_names(what, of, FOREST_RESULTS)
+    require_names(what, by, FOREST_ARGUMENTS)
     at, result = forest_point(forest_arguments(forest, q, qd, tau, wrenches), check)
     values = at.given.values(by)
     ends = np.cumsum([0, *(x.size for x in values.values())]).tolist()
@@ -211,19 +212,21 @@ def backward(at: ForestPoint, cotangents: Mapping[str, Array], by: Sequence[str]
     Args:
         at: the point.
         cotangents: by result, in its shape.
-        by: some of `ARGUMENTS`.
+        by: some of `FOREST_ARGUMENTS`.
     """
 
-    def shown(motion: ForestMotion, z: ForestUnknowns) -> Scalar:
-        found = outputs(motion, z)._asdict()
+    def shown(motion: ForestMotion, z: ForestUnknowns, beta: list[Array]) -> Scalar:
+        found = outputs(motion, z, beta)._asdict()
         return sum((x * found[name]).sum() for name, x in cotangents.items())
 
     def of_unknowns(flat: Array) -> Scalar:
-        return shown(at.motion, unknowns_from(at.motion, flat))
+        z = unknowns_from(at.motion, flat)
+        return shown(at.motion, z, carried(at.motion, z.rates))
 
     def power(*numbers: Array) -> Scalar:
         motion = at.given.motion(dict(zip(by, numbers, strict=True)))
-        found = shown(motion, at.z) - virtual_power(motion, at.z, y)
+        beta = carried(motion, at.z.rates)
+        found = shown(motion, at.z, beta) - virtual_power(motion, at.z, beta, y)
         return found if at.least is None else found + free @ at.least.residual(motion, at.z)
 
     z_bar = gradient(of_unknowns, at.z.flat)[0]
@@ -252,7 +255,8 @@ def forward(at: ForestPoint, rates: Mapping[str, Array]) -> dict[str, Array]:
 
     def results(z: Array, *numbers: Array) -> tuple[Array, ...]:
         motion = at.given.motion(dict(zip(names, numbers, strict=True)))
-        return outputs(motion, unknowns_from(motion, z))
+        found = unknowns_from(motion, z)
+        return outputs(motion, found, carried(motion, found.rates))
 
     def at_rest(r: Array) -> tuple[Array]:
         return (solved_at_rest(at.motion, unknowns_from(at.motion, r)).flat,)
@@ -262,4 +266,4 @@ def forward(at: ForestPoint, rates: Mapping[str, Array]) -> dict[str, Array]:
     (moved,) = linearised(at_rest, 0.0 * at.z.flat).along(-changed)
     if at.least is not None:
         moved = at.least.smallest(moved, weighed[0])
-    return dict(zip(RESULTS, linearised(results, at.z.flat, *values).along(moved, *given.values()), strict=True))
+    return dict(zip(FOREST_RESULTS, linearised(results, at.z.flat, *values).along(moved, *given.values()), strict=True))

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.rank import NEIGHBOUR_DISTANCE, NEIGHBOURS, SHORTER, STRAYED
 from holdfast.dynamics.tree.forest_closing import closed_positions
 from holdfast.dynamics.tree.forest_dynamics import by_plan, forest_arguments
 from holdfast.dynamics.tree.forest_gaps import require_closed
@@ -26,11 +27,7 @@ from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
-NEIGHBOURS = 8
-NEIGHBOUR_DISTANCE = 0.1  # rad, or fraction of the forest's reach
-SHORTER = (1.0, 0.25, 0.0625)  # fractions of this distance to try in turn
-STRAYED = 3.0  # a closed posture that is farther away than this multiple is not a neighbour
-TANGENT_STEPS = (5e-3, 5e-4, 5e-5)  # the same: near a singular posture only short ones lead on
+STEPS_TAKEN_BACK = (5e-3, 5e-4, 5e-5)  # rad, or fractions of the forest's reach: near a singular posture short ones
 DIRECTIONS = 3  # velocities that are tried
 TAKEN_BACK = 0.1  # fraction of a step that closing changes if no motion begins
 
@@ -219,9 +216,11 @@ class _Alone:
         Steps along a few of them are closed again. At a regular point, a short step persists; in a posture that is
         singular to second order (two bars stretched between two pins), closing changes it in proportion to its length.
         """
-        basis = np.linalg.svd(forest_rows(self.motion).on_qd(self.motion)[:, self.own] * self.unit[self.own])[2][rank:].T
+        basis = np.linalg.svd(forest_rows(self.motion).on_qd(self.motion)[:, self.own] * self.unit[self.own])[2][
+            rank:
+        ].T
         ways = [basis @ np.random.default_rng(seed).normal(size=basis.shape[1]) for seed in range(DIRECTIONS)]
-        return not basis.shape[1] or all(any(self._leads_on(way, step) for step in TANGENT_STEPS) for way in ways)
+        return not basis.shape[1] or all(any(self._leads_on(way, step) for step in STEPS_TAKEN_BACK) for way in ways)
 
     def _leads_on(self, way: Array, length: float) -> bool:
         """Return whether a step of a given length persists when it is closed again."""

@@ -17,11 +17,12 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.stacked import block_diagonal
 from holdfast.dynamics.consistency import VELOCITY_TOLERANCE
+from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
 from holdfast.dynamics.tree.forest_dynamics import forest_arguments
 from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, reach, turning, weighed_rows
-from holdfast.dynamics.tree.virtual_power import ForestUnknowns, along_rows, outputs, residual
+from holdfast.dynamics.tree.virtual_power import ForestUnknowns, along_rows, carried, outputs, residual
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.forest import Forest
@@ -29,7 +30,6 @@ from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
-NULL_SINGULAR_VALUE = 1e-10  # of the passive columns, relative to the largest
 MISSING = 1e-8  # a passive load that is left over, relative to all passive loads, cannot be carried
 
 
@@ -100,7 +100,9 @@ def forest_inverse_dynamics(
     ends = np.cumsum([len(c.K) for c in motion.closures]).tolist()
     *along, coupled = np.split(force, ends) if ends else [force]
     z = none._replace(closures=along, couplings=coupled)
-    return ForestTorques(np.where(passive, 0.0, left), outputs(motion, z).closure_wrench, coupled)
+    return ForestTorques(
+        np.where(passive, 0.0, left), outputs(motion, z, carried(motion, z.rates)).closure_wrench, coupled
+    )
 
 
 def driven(forest: Forest) -> Array:
@@ -119,7 +121,7 @@ def _least(motion: ForestMotion, columns: Array, needed: Array) -> Array:
 
 def _require_possible(motion: ForestMotion, rates: list[Array]) -> None:
     """Refuse accelerations that violate closures or couplings."""
-    closed, coupled = along_rows(motion, rates)
+    closed, coupled = along_rows(motion, rates, carried(motion, rates))
     limit = VELOCITY_TOLERANCE * max(1.0, *(float(np.abs(x).max()) for x in rates))
     gaps = [float(np.abs(x - c.r).max(initial=0.0)) for x, c in zip(closed, motion.closures, strict=True)]
     apart = [f"closure {i}: {gap:.3g}" for i, gap in enumerate(gaps) if not gap <= limit]

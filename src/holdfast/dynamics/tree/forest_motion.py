@@ -67,7 +67,6 @@ class BodyMotion(NamedTuple):
         torque: (m,) torques of the joint, without those of dampers.
         armature: (m,) inertia of the drives.
         wrench: (6,) external wrench on a free body; 0 for others.
-        pushed: (6,) external wrench on the body, also contained in load or wrench.
     """
 
     at: Carrier
@@ -78,7 +77,6 @@ class BodyMotion(NamedTuple):
     torque: Array
     armature: Array
     wrench: Array
-    pushed: Array
 
     @property
     def floats(self) -> bool:
@@ -162,7 +160,7 @@ class ForestMotion(NamedTuple):
         none, bodies = np.zeros(6), []
         for body, torque in zip(self.bodies, torques or [0.0 * b.torque for b in self.bodies], strict=True):
             given = {"wrench": torque, "torque": none} if body.floats else {"wrench": none, "torque": torque}
-            bodies.append(body._replace(load=none, pushed=none, **given))
+            bodies.append(body._replace(load=none, **given))
         closures = [c._replace(r=r) for c, r in zip(self.closures, gaps, strict=True)]
         return self._replace(bodies=bodies, closures=closures, coupled=coupled)
 
@@ -232,7 +230,7 @@ def _on_joint(body: ForestBody, parent: Carrier, q: Array, qd: Array, torque: Ar
     inertia, turning = body.link.spatial_inertia.moved(frame.R, _NONE), at.twist[:3]
     load = inertia.wrench(zeta, turning, acceleration_gradient(zeta[:3], turning)) - wrench
     armature = np.full(len(qd), joint.armature)
-    return BodyMotion(at, l, H, inertia.symmetric(), load, torque, armature, none, wrench)
+    return BodyMotion(at, l, H, inertia.symmetric(), load, torque, armature, none)
 
 
 def _floating(body: ForestBody, world: Carrier, q: Array, qd: Array, torque: Array, wrench: Array) -> BodyMotion:
@@ -245,7 +243,7 @@ def _floating(body: ForestBody, world: Carrier, q: Array, qd: Array, torque: Arr
     gyroscopic = cross(qd[:3], turning @ qd[:3])
     load = concatenate([gyroscopic, link.mass * world.zeta[3:]])
     pushed = shift_wrench(-centre, wrench + torque)
-    return BodyMotion(at, p + centre, np.eye(6), inertia, load, np.zeros(6), np.zeros(6), pushed, pushed)
+    return BodyMotion(at, p + centre, np.eye(6), inertia, load, np.zeros(6), np.zeros(6), pushed)
 
 
 def _closure(closure: Closure, a: Carrier, b: Carrier) -> ClosureMotion:

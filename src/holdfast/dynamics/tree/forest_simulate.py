@@ -19,6 +19,7 @@ from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
+MOST_FOREST_STEPS = 100_000
 ForestLaw = Callable[[float, Array, Array], ArrayLike]
 
 
@@ -68,9 +69,11 @@ def forest_simulate(
     """
     n = forest.velocity_count if isinstance(forest, Forest) else 0
     given = forest_arguments(forest, q, qd, np.zeros(n))
-    total = checks.number(duration, "duration", above=0.0)
-    count = math.ceil(total / checks.number(step, "step", above=0.0) - 1e-9)
-    h, t = total / count, 0.0
+    total, longest = checks.number(duration, "duration", above=0.0), checks.number(step, "step", above=0.0)
+    if not total <= MOST_FOREST_STEPS * longest:
+        raise StateError(f"step: expected at most {MOST_FOREST_STEPS} steps, got {total:g} s in steps of {longest:g} s")
+    count = math.ceil(total / longest - 1e-9)
+    h = total / count
 
     def slope(t: float, x: Array) -> Array:
         at = _unit_quaternions(forest, x[: forest.position_count])

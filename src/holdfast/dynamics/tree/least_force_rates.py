@@ -17,7 +17,7 @@ import numpy as np
 from holdfast.dynamics.closed.stacked import block_diagonal
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import force_metric, forest_rows, weighed_rows
-from holdfast.dynamics.tree.virtual_power import ForestUnknowns, along_rows, unknowns_from
+from holdfast.dynamics.tree.virtual_power import ForestUnknowns, along_rows, carried, unknowns_from
 from holdfast.spatial.scalar import Array, array, concatenate
 
 
@@ -36,7 +36,7 @@ class LeastForceRates(NamedTuple):
 
     def residual(self, motion: ForestMotion, z: ForestUnknowns) -> Array:
         """Return G mu - S lambda for a motion whose numbers may vary, (rows,)."""
-        metric, (closed, coupled) = force_metric(motion), along_rows(motion, self.mu)
+        metric, (closed, coupled) = force_metric(motion), along_rows(motion, self.mu, carried(motion, self.mu))
         closures = zip(motion.closures, closed, z.closures, strict=True)
         parts = [moved - c.K @ (metric.weights * (f @ c.K)) for c, moved, f in closures if len(c.K)]
         couplings = zip(coupled, metric.couplings, z.couplings, strict=True)

@@ -16,7 +16,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.spatial.vector import skew
 
-ARGUMENTS = (
+FOREST_ARGUMENTS = (
     *("q", "qd", "tau", "link_wrench", "gravity", "armature", "damping"),
     *("link_mass", "link_com", "link_inertia", "joint_pose", "tip_pose", "grasp_pose"),
 )

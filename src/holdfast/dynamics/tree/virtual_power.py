@@ -13,7 +13,7 @@ the forest at rest, with the entries of r as torques and gaps (docs/theory/tree.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ from holdfast.dynamics.tree.forest_dynamics import by_plan
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.spatial.differentiation import gradient
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
-from holdfast.spatial.spatial_vector import acceleration_gradient, shift_twist, unrotate
+from holdfast.spatial.spatial_vector import shift_twist
 
 
 class ForestUnknowns(NamedTuple):
@@ -63,7 +63,7 @@ def unknowns_from(motion: ForestMotion, flat: Array) -> ForestUnknowns:
 
 
 def unknowns_of(
-    motion: ForestMotion, rates: list[Array], wrenches: Sequence[Array], multipliers: Any
+    motion: ForestMotion, rates: list[Array], wrenches: Iterable[Array], multipliers: Any
 ) -> ForestUnknowns:
     """Return unknowns whose closures have some wrenches, (6,) each about the contact point."""
     along = [c.K @ f for c, f in zip(motion.closures, wrenches, strict=True)]
@@ -79,34 +79,40 @@ def carried(motion: ForestMotion, rates: list[Array]) -> list[Array]:
     return found
 
 
-def along_rows(motion: ForestMotion, rates: list[Array]) -> tuple[list[Array], list[Scalar]]:
-    """Return the product of the rows of closures, (rows,) each, and of couplings with joint rates."""
-    forest, moved = motion.forest, carried(motion, rates)
-    closed = []
+def along_rows(motion: ForestMotion, rates: list[Array], moved: list[Array]) -> tuple[list[Array], list[Scalar]]:
+    """Return the product of the rows of closures, (rows,) each, and of couplings with joint rates.
+
+    Args:
+        motion: the forest's motion.
+        rates: per body, (m,).
+        moved: what they add to the points of the bodies, `carried`.
+    """
+    forest, closed = motion.forest, []
     for closure, c in zip(forest.closures, motion.closures, strict=True):
         own = c.on_b @ moved[closure.b]
         closed.append(own if closure.a is None else own + c.on_a @ moved[closure.a])
     return closed, [sum(c * rates[k][i] for k, i, c in coupling.terms) for coupling in forest.couplings]
 
 
-def virtual_power(motion: ForestMotion, z: ForestUnknowns, y: ForestUnknowns) -> Scalar:
+def virtual_power(motion: ForestMotion, z: ForestUnknowns, beta: list[Array], y: ForestUnknowns) -> Scalar:
     """Return L. O(bodies + closures).
 
     Args:
         motion: the forest's motion.
         z: accelerations and forces.
+        beta: the accelerations of the bodies' points, `carried`.
         y: the multipliers.
     """
     power: Scalar = 0.0
-    bodies = zip(motion.forest.bodies, motion.bodies, carried(motion, z.rates), carried(motion, y.rates), strict=True)
-    for (body, part, a, U), qdd, rate in zip(bodies, z.rates, y.rates, strict=True):
-        R, l = part.at.frame.R, -part.at.centre
-        acceleration, w = unrotate(R, part.at.zeta_at(l) + shift_twist(l, a)), part.at.twist[:3] @ R
-        needed = body.link.spatial_inertia.wrench(acceleration, w, acceleration_gradient(acceleration[:3], w))
-        power = power + unrotate(R, shift_twist(l, U)) @ needed - U @ part.pushed
-        if not part.floats:
-            power = power + rate @ (part.armature * qdd - part.torque)
-    (moved, coupled), (apart, uncoupled) = along_rows(motion, y.rates), along_rows(motion, z.rates)
+    virtual_twists = carried(motion, y.rates)
+    for body, a, U, qdd, rate in zip(motion.bodies, beta, virtual_twists, z.rates, y.rates, strict=True):
+        power = power + U @ (body.inertia.apply(a) + body.load - body.wrench)
+        if not body.floats:
+            power = power + rate @ (body.armature * qdd - body.torque)
+    (moved, coupled), (apart, uncoupled) = (
+        along_rows(motion, y.rates, virtual_twists),
+        along_rows(motion, z.rates, beta),
+    )
     closures = zip(motion.closures, moved, apart, z.closures, y.closures, strict=True)
     for c, virtual, gap, force, multiplier in closures:
         if len(c.K):
@@ -117,12 +123,19 @@ def virtual_power(motion: ForestMotion, z: ForestUnknowns, y: ForestUnknowns) ->
 
 def residual(motion: ForestMotion, z: ForestUnknowns) -> Array:
     """Return dL/dy, what the equations leave, in the layout of `ForestUnknowns.flat`."""
-    return gradient(lambda y: virtual_power(motion, z, unknowns_from(motion, y)), np.zeros(len(z.flat)))[0]
+    beta = carried(motion, z.rates)
+    return gradient(lambda y: virtual_power(motion, z, beta, unknowns_from(motion, y)), np.zeros(len(z.flat)))[0]
 
 
-def outputs(motion: ForestMotion, z: ForestUnknowns) -> ForestOutputs:
-    """Return what forward dynamics returns, of the unknowns."""
-    gravity, beta = motion.forest.gravity, carried(motion, z.rates)
+def outputs(motion: ForestMotion, z: ForestUnknowns, beta: list[Array]) -> ForestOutputs:
+    """Return what forward dynamics returns.
+
+    Args:
+        motion: the forest's motion.
+        z: the unknowns.
+        beta: their accelerations of the bodies' points, `carried`.
+    """
+    gravity = motion.forest.gravity
     acceleration = [body.true_acceleration(x, gravity) for body, x in zip(motion.bodies, beta, strict=True)]
     rates = [a if body.floats else x for body, a, x in zip(motion.bodies, acceleration, z.rates, strict=True)]
     wrenches = [f @ c.K if len(c.K) else np.zeros(6) for c, f in zip(motion.closures, z.closures, strict=True)]
