@@ -14,7 +14,7 @@ from tests.dynamics.tree.problems import LINK, gap, parallelogram, underactuated
 from tests.longer import mostly_slow
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(60), range(20)))
+@pytest.mark.parametrize("seed", mostly_slow(range(100), range(10)))
 def test_forward_dynamics_gives_it_back(seed):
     """Random forests of ten families, a third of whose joints have no drive: the same accelerations, and forces."""
     p = underactuated(seed)
@@ -22,10 +22,10 @@ def test_forward_dynamics_gives_it_back(seed):
     found = forest_inverse_dynamics(p.forest, p.q, p.qd, wanted.qdd, p.wrenches)
     assert not found.tau[~driven(p.forest)].any()
     again = forest_dynamics(p.forest, p.q, p.qd, found.tau, p.wrenches)
-    assert gap(again.qdd, wanted.qdd) < 1e-12 * max(1.0, wanted.condition / 1e2)
+    assert gap(again.qdd, wanted.qdd) < 1e-12
     if wanted.status is Status.OK:
-        assert gap(again.closure_wrench, found.closure_wrench) < 1e-9
-        assert gap(again.coupling_force, found.coupling_force) < 1e-9
+        assert gap(again.closure_wrench, found.closure_wrench) < 1e-10
+        assert gap(again.coupling_force, found.coupling_force) < 1e-10
 
 
 def test_two_hands_share_a_weight():

@@ -24,7 +24,7 @@ def test_energy_to_the_order_of_the_scheme(seed):
 
     errors = []
     for step in (2e-3, 1e-3):
-        run = forest_simulate(p.forest, p.q, p.qd, duration=0.02, step=step)
+        run = forest_simulate(p.forest, p.q, p.qd, duration=0.01, step=step)
         errors.append(abs(energy(run.q[-1], run.qd[-1]) - energy(p.q, p.qd)))
     assert errors[1] < 1e-7 * max(1.0, abs(energy(p.q, p.qd)))
     assert errors[1] < errors[0] / 10 or errors[0] < 1e-11
