@@ -22,6 +22,13 @@ def test_rank(seed):
     assert found.status == ("regular" if found.rank == found.rows else "indeterminate")
 
 
+def test_bodies_without_names():
+    """They are listed by their indices."""
+    p = random_forest(4)
+    found = forest_diagnose(p.forest, p.q).report()
+    assert "closures 0 .. 3 and couplings 0, 1 (bodies 0 .. 11 on the ground): 5 forces of closures" in found
+
+
 def test_parallelogram():
     """A planar loop carries no load across its plane; flat, it has one motion more than nearby, by its links' names."""
     forest = parallelogram()

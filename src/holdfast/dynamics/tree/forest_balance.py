@@ -68,8 +68,7 @@ def forest_balance(
     Raises:
         StateError: a shape is wrong, or the numbers overflow.
     """
-    n = forest.velocity_count if isinstance(forest, Forest) else 0
-    given = forest_arguments(forest, q, qd, np.zeros(n) if tau is None else tau, wrenches)
+    given = forest_arguments(forest, q, qd, tau, wrenches)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
     motion = given.motion({})
     mass, moment = mass_moment(motion)

@@ -83,8 +83,7 @@ def forest_close(forest: Forest, q: ArrayLike, qd: ArrayLike | None = None) -> F
         StateError: a shape is wrong.
         ClosureError: the closures cannot be closed from there; the message names the gaps.
     """
-    n = forest.velocity_count if isinstance(forest, Forest) else 0
-    given = forest_arguments(forest, q, np.zeros(n) if qd is None else qd, np.zeros(n))
+    given = forest_arguments(forest, q, qd)
     positions = closed_positions(forest, given.q)
     there = given._replace(q=positions)
     return ForestState(positions, given.qd + _velocity_change(there)[0])
@@ -104,8 +103,7 @@ def forest_impulse(forest: Forest, q: ArrayLike, qd: ArrayLike) -> ForestImpulse
     Raises:
         StateError: a shape is wrong, or the positions violate a closure.
     """
-    n = forest.velocity_count if isinstance(forest, Forest) else 0
-    given = forest_arguments(forest, q, qd, np.zeros(n))
+    given = forest_arguments(forest, q, qd)
     still = given._replace(qd=0.0 * given.qd)
     require_closed(still.motion({}), still.q, still.qd)
     change, found, motion = _velocity_change(given)

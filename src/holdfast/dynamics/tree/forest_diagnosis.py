@@ -6,6 +6,7 @@ each part is judged by itself: in a forest whose other closures are open.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -116,8 +117,7 @@ def forest_diagnose(forest: Forest, q: ArrayLike) -> ForestDiagnosis:
     Raises:
         StateError: a shape is wrong, or the positions violate a closure.
     """
-    n = forest.velocity_count if isinstance(forest, Forest) else 0
-    given = forest_arguments(forest, q, np.zeros(n), np.zeros(n))
+    given = forest_arguments(forest, q)
     motion = given.motion({})
     require_closed(motion, given.q, given.qd)
     parts = tuple(
@@ -125,7 +125,7 @@ def forest_diagnose(forest: Forest, q: ArrayLike) -> ForestDiagnosis:
     )
     rank, singular = sum(part.rank for part in parts), any(part.status == "singular" for part in parts)
     return ForestDiagnosis(
-        mobility=n - rank,
+        mobility=forest.velocity_count - rank,
         rank=rank,
         generic_rank=sum(part.generic_rank for part in parts),
         rows=forest.constraint_row_count,
@@ -236,10 +236,26 @@ def _at_rest(forest: Forest, q: Array) -> ForestMotion:
 
 
 def _name(forest: Forest, part: ForestPart) -> str:
-    bodies = [forest.bodies[k].link.name or f"body {k}" for k in sorted(part.members)]
-    kinds = {"closure": part.closures, "coupling": part.couplings}
-    by = [f"{kind} {', '.join(map(str, found))}" for kind, found in kinds.items() if found]
+    """Return closures and couplings of a part, and its bodies by the names of their links or else their indices."""
+    names = [(k, forest.bodies[k].link.name) for k in sorted(part.members)]
+    bodies = [name for _, name in names if name]
+    unnamed = [k for k, name in names if not name]
+    bodies += [_listed("body", "bodies", unnamed)] if unnamed else []
+    by = [_listed("closure", "closures", part.closures)] if part.closures else []
+    by += [_listed("coupling", "couplings", part.couplings)] if part.couplings else []
     return f"{' and '.join(by)} ({', '.join(bodies)}{' on the ground' if part.root == GROUND else ''})"
+
+
+def _listed(one: str, several: str, numbers: Sequence[int]) -> str:
+    """Return numbers with what they count, two or more in a row as "0 .. 3"."""
+    rows: list[list[int]] = []
+    for k in numbers:
+        if rows and k == rows[-1][-1] + 1:
+            rows[-1].append(k)
+        else:
+            rows.append([k])
+    shown = [f"{row[0]} .. {row[-1]}" if len(row) > 2 else ", ".join(map(str, row)) for row in rows]
+    return f"{one if len(numbers) == 1 else several} {', '.join(shown)}"
 
 
 def _count(count: int, what: str) -> str:

@@ -115,15 +115,21 @@ def forest_dynamics(
 
 
 def forest_arguments(
-    forest: Forest, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, wrenches: ArrayLike | None = None
+    forest: Forest,
+    q: ArrayLike,
+    qd: ArrayLike | None = None,
+    tau: ArrayLike | None = None,
+    wrenches: ArrayLike | None = None,
 ) -> ForestArguments:
-    """Return the checked arguments of a question of a forest."""
+    """Return the checked arguments of a question of a forest; what is None is zero."""
     checks.instance(forest, Forest, "forest")
-    rates = checks.numbers(qd, (forest.velocity_count,), "qd", StateError)
-    torque = checks.numbers(tau, (forest.velocity_count,), "tau", StateError)
-    pushed = np.zeros((len(forest.bodies), 6)) if wrenches is None else wrenches
-    pushed = checks.numbers(pushed, (len(forest.bodies), 6), "wrenches", StateError)
-    return ForestArguments(forest, _positions(forest, q), rates, torque, pushed)
+    n = (forest.velocity_count,)
+    given = {"qd": (qd, n), "tau": (tau, n), "wrenches": (wrenches, (len(forest.bodies), 6))}
+    arrays = (
+        np.zeros(shape) if x is None else checks.numbers(x, shape, name, StateError)
+        for name, (x, shape) in given.items()
+    )
+    return ForestArguments(forest, _positions(forest, q), *arrays)
 
 
 def solved_forest(

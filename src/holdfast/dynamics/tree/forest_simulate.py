@@ -67,8 +67,8 @@ def forest_simulate(
         SingularChainError: no accelerations satisfy the closures.
         ClosureError: a step leaves the closures too far open.
     """
-    n = forest.velocity_count if isinstance(forest, Forest) else 0
-    given = forest_arguments(forest, q, qd, np.zeros(n))
+    given = forest_arguments(forest, q, qd)
+    n = forest.velocity_count
     total, longest = checks.number(duration, "duration", above=0.0), checks.number(step, "step", above=0.0)
     if not total <= MOST_FOREST_STEPS * longest:
         raise StateError(f"step: expected at most {MOST_FOREST_STEPS} steps, got {total:g} s in steps of {longest:g} s")
