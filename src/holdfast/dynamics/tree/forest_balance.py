@@ -68,7 +68,7 @@ def forest_balance(
     Raises:
         StateError: a shape is wrong, or the numbers overflow.
     """
-    given = forest_arguments(forest, q, qd, tau, wrenches)
+    given = forest_arguments(forest, q, qd, ... if tau is None else tau, wrenches)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
     motion = given.motion({})
     mass, moment = mass_moment(motion)

@@ -83,7 +83,7 @@ def forest_close(forest: Forest, q: ArrayLike, qd: ArrayLike | None = None) -> F
         StateError: a shape is wrong.
         ClosureError: the closures cannot be closed from there; the message names the gaps.
     """
-    given = forest_arguments(forest, q, qd)
+    given = forest_arguments(forest, q, ... if qd is None else qd)
     positions = closed_positions(forest, given.q)
     there = given._replace(q=positions)
     return ForestState(positions, given.qd + _velocity_change(there)[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,21 +115,16 @@ def forest_dynamics(
 
 
 def forest_arguments(
-    forest: Forest,
-    q: ArrayLike,
-    qd: ArrayLike | None = None,
-    tau: ArrayLike | None = None,
-    wrenches: ArrayLike | None = None,
+    forest: Forest, q: ArrayLike, qd: Any = ..., tau: Any = ..., wrenches: ArrayLike | None = None
 ) -> ForestArguments:
-    """Return the checked arguments of a question of a forest; what is None is zero."""
+    """Return the checked arguments of a question of a forest; rates and torques that are left out are zero."""
     checks.instance(forest, Forest, "forest")
-    n = (forest.velocity_count,)
-    given = {"qd": (qd, n), "tau": (tau, n), "wrenches": (wrenches, (len(forest.bodies), 6))}
-    arrays = (
-        np.zeros(shape) if x is None else checks.numbers(x, shape, name, StateError)
-        for name, (x, shape) in given.items()
-    )
-    return ForestArguments(forest, _positions(forest, q), *arrays)
+    n, none = (forest.velocity_count,), np.zeros(forest.velocity_count)
+    rates = none if qd is ... else checks.numbers(qd, n, "qd", StateError)
+    torque = none if tau is ... else checks.numbers(tau, n, "tau", StateError)
+    pushed = np.zeros((len(forest.bodies), 6)) if wrenches is None else wrenches
+    pushed = checks.numbers(pushed, (len(forest.bodies), 6), "wrenches", StateError)
+    return ForestArguments(forest, _positions(forest, q), rates, torque, pushed)
 
 
 def solved_forest(

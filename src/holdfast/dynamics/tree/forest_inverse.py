@@ -77,7 +77,7 @@ def forest_inverse_dynamics(
         StateError: a shape is wrong, the state or the accelerations violate a closure or a coupling, or no forces of
             closures and couplings can carry a passive part; the message says what is missing.
     """
-    given = forest_arguments(forest, q, qd, None, wrenches)
+    given = forest_arguments(forest, q, qd, wrenches=wrenches)
     wanted = checks.numbers(qdd, (forest.velocity_count,), "qdd", StateError)
     motion = given.motion({})
     rates = [wanted[part] for part in forest.velocities]
