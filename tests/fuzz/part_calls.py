@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -138,26 +139,45 @@ def _of_arm(arm: Any, q: Any) -> Any:
     return [ask(arm, q) for ask in asked]
 
 
-@call(
-    "forest_dynamics",
-    link=LINK,
-    joint={"kind": "planar", "across": np.array([1.0, 0.0, 0.0]), "armature": 0.1, "damping": 0.5},
-    tip=np.array(POSE),
-    terms=[(0, 0, 1.0)],
-    parent=None,
-    gravity=np.array([0.0, 0.0, -9.81]),
-    q=np.zeros(3),
-    qd=np.zeros(3),
-    tau=np.ones(3),
-    wrenches=np.zeros((1, 6)),
-    method="tree",
-)
-def _forest(link: Any, joint: Any, tip: Any, terms: Any, parent: Any, gravity: Any, **given: Any) -> Any:
+_FOREST = {
+    "link": LINK,
+    "joint": {"kind": "planar", "across": np.array([1.0, 0.0, 0.0]), "armature": 0.1, "damping": 0.5},
+    "tip": np.array(POSE),
+    "terms": [(0, 0, 1.0)],
+    "parent": None,
+    "gravity": np.array([0.0, 0.0, -9.81]),
+}
+_FOREST_STATE = {"q": np.zeros(3), "qd": np.zeros(3)}
+_FOREST_INPUTS = {**_FOREST_STATE, "tau": np.ones(3), "wrenches": np.zeros((1, 6))}
+
+
+def _forest(link: Any, joint: Any, tip: Any, terms: Any, parent: Any, gravity: Any) -> Any:
     made = forest.BodyJoint(**joint) if named(joint, forest.BodyJoint) else joint
     body = forest.ForestBody(hf.Link(**link) if named(link, hf.Link) else link, made, parent)
     pin = forest.Closure(None, 0, hf.Grasp("ball", tip), tip)
-    found = forest.Forest([body], [pin], [forest.JointCoupling(terms)], gravity)
-    return dynamics.forest_dynamics(found, **given).qdd
+    return forest.Forest([body], [pin], [forest.JointCoupling(terms)], gravity)
+
+
+def of_forest(ask: Callable[..., Any], **own: Any) -> None:
+    """Add a function of a forest, which is made of numbers, with its own arguments."""
+
+    def asked(link: Any, joint: Any, tip: Any, terms: Any, parent: Any, gravity: Any, **given: Any) -> Any:
+        return repr(ask(_forest(link, joint, tip, terms, parent, gravity), **given))
+
+    call(ask.__name__, **_FOREST, **own)(asked)
+
+
+of_forest(dynamics.forest_dynamics, **_FOREST_INPUTS, method="tree")
+of_forest(dynamics.forest_dynamics_vjp, **_FOREST_INPUTS, by=("q", "link_mass"), qdd=np.ones(3))
+of_forest(dynamics.forest_dynamics_jvp, **_FOREST_INPUTS, along={"q": np.ones(3)})
+of_forest(dynamics.forest_dynamics_jacobian, **_FOREST_INPUTS, of=("qdd",), by=("tau",))
+of_forest(dynamics.forest_inverse_dynamics, **_FOREST_STATE, qdd=np.zeros(3), wrenches=np.zeros((1, 6)))
+of_forest(dynamics.forest_balance, **_FOREST_INPUTS, about=np.zeros(3))
+of_forest(dynamics.forest_close, **_FOREST_STATE)
+of_forest(dynamics.forest_impulse, **_FOREST_STATE)
+of_forest(dynamics.forest_diagnose, q=np.zeros(3))
+of_forest(dynamics.forest_linearise, **_FOREST_INPUTS)
+of_forest(dynamics.forest_simulate, **_FOREST_STATE, duration=1e-2, step=1e-2)
 
 
 # Paths and control.

@@ -17,7 +17,7 @@ from holdfast.model.forest import BodyJoint, Forest
 from tests.oracles.arithmetic import Arithmetic, SparseSystem, arithmetic
 from tests.oracles.arm_kinematics import MovingFrame, centripetal, cross, cross_matrix, rotation_about
 from tests.oracles.body_equations import body_equation
-from tests.oracles.grasp_rows import Side, grasp_rows
+from tests.oracles.grasp_rows import AXES, Side, grasp_rows
 
 NULL = 1e-9  # of the largest: smaller remainders belong to rows that follow from others
 
@@ -48,9 +48,11 @@ class ForestEquations:
         K: per closure, (rows, 6) of its wrench.
     """
 
-    def __init__(self, forest: Forest, q, qd, tau, wrenches, digits: int | None = None) -> None:
-        """Write down every equation in float64 (`digits=None`) or in so many digits."""
-        self.forest, self.numbers = forest, arithmetic(digits)
+    def __init__(
+        self, forest: Forest, q, qd, tau, wrenches, digits: int | None = None, numbers: Arithmetic | None = None
+    ) -> None:
+        """Write down every equation in float64 (`digits=None`), in so many digits, or in another arithmetic."""
+        self.forest, self.numbers = forest, numbers or arithmetic(digits)
         with self.numbers.precision():
             self._write_down(*(self.numbers.array(x) for x in (q, qd, tau, wrenches)))
 
@@ -60,7 +62,7 @@ class ForestEquations:
         Raises:
             ArithmeticError: the system is nearly singular.
         """
-        rank, dependent, gap = self._judged()
+        rank, dependent, gap = self.judged()
         kept = [i for i in range(len(self.system.rows)) if i not in dependent]
         with self.numbers.precision():
             x = self.system.solved(kept)
@@ -134,17 +136,22 @@ class ForestEquations:
             Side(a.R @ numbers.array(closure.tip.R), a.omega),
         )
         rows = grasp_rows(grasp, on_b, of_a, numbers)
-        turning, sliding = b.omega - a.omega, b.v + cross(b.omega, point - b.origin) - speed
-        passing = cross(b.omega, speed - b.v) - centripetal(a.omega, point - a.origin)
-        rhs = [row.n @ passing + row.m_dot @ turning + row.n_dot @ sliding for row in rows]
         K = np.array([np.concatenate([row.m, row.n]) for row in rows])
+        keeps = keeps_its_point(grasp)
+        lever = b.R @ numbers.array(grasp.frame.p) if keeps else point - b.origin
+        free = without_components(
+            np.concatenate([b.omega - a.omega, b.v + cross(b.omega, lever) - speed]), K
+        )  # as the velocities are, if they satisfy the closure
+        carried = cross(b.omega, lever) - (0 if keeps else free[3:])  # of the point, as it moves through b
+        passing = cross(b.omega, carried) - centripetal(a.omega, point - a.origin)
+        rhs = [row.n @ passing + row.m_dot @ free[:3] + row.n_dot @ free[3:] for row in rows]
         forces = self.system.unknowns(np.array(rhs, dtype=object))
-        of_b, of_tip = -(K @ self._carried(point - b.origin)), K @ self._carried(point - a.origin)
+        of_b, of_tip = -(K @ self._carried(lever)), K @ self._carried(point - a.origin)
         self.system.add_both(forces, self.alpha[closure.b], of_b)
         if closure.a is not None:
             self.system.add_both(forces, self.alpha[closure.a], of_tip)
         self.K.append(K)
-        self.points.append(point.astype(float))
+        self.points.append(point)
         self.ends.append((of_tip, of_b))
         return forces
 
@@ -159,9 +166,8 @@ class ForestEquations:
         return row
 
     def _carried(self, lever: np.ndarray) -> np.ndarray:
-        matrix = self.numbers.array(np.eye(6))
-        matrix[3:, :3] = -cross_matrix(lever)
-        return matrix
+        one, X = self.numbers.array(np.eye(3)), cross_matrix(lever)
+        return np.block([[one, 0 * X], [-X, one]])
 
     def rows(self) -> np.ndarray:
         """Return the rows of closures and couplings on joint rates, (rows, n_v), in float64."""
@@ -185,7 +191,7 @@ class ForestEquations:
             found.append(row)
         return np.concatenate(found)
 
-    def _judged(self) -> tuple[int, set[int], float]:
+    def judged(self) -> tuple[int, set[int], float]:
         """Return the rank, the unknowns of dependent rows, and the largest dropped remainder over the least kept."""
         G = self.rows()
         if not len(G):
@@ -201,7 +207,7 @@ class ForestEquations:
     def _smallest(self, force: np.ndarray, rank: int) -> np.ndarray:
         """Return the smallest forces with the same effect."""
         forest = self.forest
-        points = np.array(self.points).reshape(-1, 3)
+        points = np.array(self.points).reshape(-1, 3).astype(float)
         L = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean())) if len(points) > 1 else 1.0
         W = np.diag([1.0 / L, 1.0 / L, 1.0 / L, 1.0, 1.0, 1.0])
         metric = np.zeros((len(force), len(force)))
@@ -219,6 +225,22 @@ class ForestEquations:
         mu, E = C.T @ force, np.linalg.solve(C, self.rows())
         U = np.linalg.svd(E, full_matrices=True)[0]
         return np.linalg.solve(C.T, mu - U[:, rank:] @ (U[:, rank:].T @ mu))
+
+
+def keeps_its_point(grasp) -> bool:
+    """Return whether a closure acts at a point of body b, where it is also while the closure is slightly open."""
+    return AXES.get(grasp.kind, ("", ""))[1] == "xyz"
+
+
+def without_components(x: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return a vector without its components along independent rows; they are zero where a closure is satisfied."""
+    spanned: list[np.ndarray] = []
+    for row in rows:
+        for one in spanned:
+            row = row - (row @ one) / (one @ one) * one
+        spanned.append(row)
+        x = x - (x @ row) / (row @ row) * row
+    return x
 
 
 def moved_frame(

@@ -182,13 +182,24 @@ class CompiledChain(Answers):
 _ROUNDS = "it goes on for as many rounds as it takes"
 _SINGULAR_VALUES = "it decides by singular values, which are NumPy's"
 _OF_A_RESULT = "it reads one ForwardResult"
+_OF_A_FOREST = "it is of a forest, not of a chain"
 
 REASONS = {
     "close": f"{_ROUNDS}; where grasps are nearly closed try `project`, which takes two",
     "diagnose": f"{_SINGULAR_VALUES}; `forward_dynamics` gives rank, status and condition",
     "dynamics.attach": "another grasp is other code; compile the chain it returns",
     "dynamics.contact_attitudes": "it is a few products of one grasp; try `tip_poses`",
-    "dynamics.forest_dynamics": "it is of a forest, not of a chain; `forward_dynamics` is of the chain",
+    "dynamics.forest_balance": _OF_A_FOREST,
+    "dynamics.forest_close": _OF_A_FOREST,
+    "dynamics.forest_diagnose": _OF_A_FOREST,
+    "dynamics.forest_dynamics": f"{_OF_A_FOREST}; `forward_dynamics` is of the chain",
+    "dynamics.forest_dynamics_jacobian": _OF_A_FOREST,
+    "dynamics.forest_dynamics_jvp": _OF_A_FOREST,
+    "dynamics.forest_dynamics_vjp": _OF_A_FOREST,
+    "dynamics.forest_impulse": _OF_A_FOREST,
+    "dynamics.forest_inverse_dynamics": f"{_OF_A_FOREST}; `inverse_dynamics` is of the chain",
+    "dynamics.forest_linearise": _OF_A_FOREST,
+    "dynamics.forest_simulate": _OF_A_FOREST,
     "dynamics.joint_mass_matrix": "it is of one arm; `mass_matrix` gives those of all arms",
     "dynamics.momentum_rate": _OF_A_RESULT,
     "dynamics.motion_basis": _SINGULAR_VALUES,

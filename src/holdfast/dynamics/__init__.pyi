@@ -24,4 +24,14 @@ from .posture import Posture as Posture
 from .regressor import inertial_parameters as inertial_parameters
 from .result import ForwardResult as ForwardResult
 from .result import Status as Status
+from .tree.forest_balance import forest_balance as forest_balance
+from .tree.forest_closing import forest_close as forest_close
+from .tree.forest_closing import forest_impulse as forest_impulse
+from .tree.forest_derivatives import forest_dynamics_jacobian as forest_dynamics_jacobian
+from .tree.forest_derivatives import forest_dynamics_jvp as forest_dynamics_jvp
+from .tree.forest_derivatives import forest_dynamics_vjp as forest_dynamics_vjp
+from .tree.forest_diagnosis import forest_diagnose as forest_diagnose
 from .tree.forest_dynamics import forest_dynamics as forest_dynamics
+from .tree.forest_inverse import forest_inverse_dynamics as forest_inverse_dynamics
+from .tree.forest_linearise import forest_linearise as forest_linearise
+from .tree.forest_simulate import forest_simulate as forest_simulate

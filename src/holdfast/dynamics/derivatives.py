@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +27,13 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import STATE_AND_TORQUES, arguments_of, gradient_shapes, results_of
 from holdfast.questions.case import VariedCase
-from holdfast.questions.derivatives import Derivatives, directions, require_names, with_link_wrenches
+from holdfast.questions.derivatives import (
+    Derivatives,
+    directions,
+    finite_derivatives,
+    require_names,
+    with_link_wrenches,
+)
 from holdfast.questions.linearised_function import LinearisedFunction
 from holdfast.spatial.linear import arrays_of
 from holdfast.spatial.rotation import quaternion_product
@@ -94,7 +100,7 @@ def forward_dynamics_vjp(
         checked, also = least.backward(at, checked)
     found = with_pullback(springs, by, lambda names: backward(at, checked, names, also))
     shapes = gradient_shapes(chain)
-    return _finite(result, {name: found[name].reshape(shapes[name]) for name in by})
+    return finite_derivatives(result, {name: found[name].reshape(shapes[name]) for name in by})
 
 
 @np.errstate(all="ignore")  # what overflows is refused
@@ -135,9 +141,9 @@ def forward_dynamics_jvp(
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, list(along))
     given = directions(what, along, gradient_shapes(chain))
     if isinstance(given, dict):
-        return _finite(result, _forward(at, given, springs, least))
+        return finite_derivatives(result, _forward(at, given, springs, least))
     each = [_forward(at, one, springs, least) for one in given]
-    return _finite(result, {name: np.array([one[name] for one in each]) for name in results_of(chain)})
+    return finite_derivatives(result, {name: np.array([one[name] for one in each]) for name in results_of(chain)})
 
 
 @np.errstate(all="ignore")  # what overflows is refused
@@ -181,20 +187,9 @@ def forward_dynamics_jacobian(
     rates = dict.fromkeys(changed, lambda at, shapes: _along(at, shapes, springs, least))
     size = max(units_needed(chain, by), *(math.prod(shapes[name]) for name in changed), 0)
     columns = jacobian(at, of, by, np.eye(size), rates)
-    return _finite(
+    return finite_derivatives(
         result, {(o, b): x.T.reshape(*np.shape(result_named(result, o)), *shapes[b]) for (o, b), x in columns.items()}
     )
-
-
-def _finite(result: ForwardResult, parts: Mapping[Any, Array]) -> Derivatives:
-    """Return derivatives that are finite.
-
-    Raises:
-        StateError: naming those that are not.
-    """
-    for name, x in parts.items():
-        checks.finite(x, f"derivatives: {' by '.join(name) if isinstance(name, tuple) else name}")
-    return Derivatives(result, parts)
 
 
 def _forward(

@@ -43,6 +43,8 @@ class BodyJoint(Frozen):
         pitch: translation along the axis per radian, for a screw [m/rad].
         armature: inertia of the drive of every degree of freedom, reflected to the joint, >= 0 [kg m^2 or kg].
         damping: viscous damping of every degree of freedom, >= 0 [N m s/rad or N s/m].
+        actuated: False for a joint without a drive, which `forest_inverse_dynamics` gives no torque. A free body has
+            none, either.
     """
 
     kind: JointName = "revolute"
@@ -52,9 +54,11 @@ class BodyJoint(Frozen):
     pitch: float | None = None
     armature: float = 0.0
     damping: float = 0.0
+    actuated: bool = True
 
     def __post_init__(self) -> None:
         put = object.__setattr__
+        checks.instance(self.actuated, bool, "joint: actuated")
         if not isinstance(self.kind, str) or self.kind not in JOINT_KINDS:
             raise ModelError(
                 f"joint: kind: got {checks.short(self.kind)}.{checks.did_you_mean(str(self.kind), JOINT_KINDS)}"
@@ -156,9 +160,11 @@ class JointCoupling(Frozen):
 
     Attributes:
         terms: per joint, the index of its body, the component of its qd, and the coefficient c, which is not zero.
+        offset: of the positions, sum c q = offset, which `forest_close` satisfies; None to keep the sum as it is.
     """
 
     terms: Sequence[tuple[int, int, float]]
+    offset: float | None = None
 
     def __post_init__(self) -> None:
         found = []
@@ -177,6 +183,8 @@ class JointCoupling(Frozen):
         if len({term[:2] for term in found}) < len(found):
             raise ModelError("coupling: terms: expected each component once; try the sum of its coefficients")
         object.__setattr__(self, "terms", tuple(found))
+        if self.offset is not None:
+            object.__setattr__(self, "offset", checks.number(self.offset, "coupling: offset"))
 
 
 @called
@@ -225,6 +233,11 @@ class Forest(Frozen):
                 if kind.floats:
                     raise ModelError(f"forest: coupling {i}: body {body} is free; expected one on a joint")
                 _index(component, kind.freedoms, f"forest: coupling {i}: component", "a component of the joint")
+                if coupling.offset is not None and kind.pose:
+                    raise ModelError(
+                        f"forest: coupling {i}: offset: body {body} is on a {self.bodies[body].joint.kind} joint, whose"
+                        " positions are no sums of angles; try None"
+                    )
 
     def __repr__(self) -> str:
         """Return the numbers of bodies, closures and couplings, on one line."""

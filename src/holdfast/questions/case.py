@@ -82,7 +82,7 @@ class VariedCase(NamedTuple):
             name: grasp.standing_at(_pose(grasp.frame, "grasp", numbers, k))
             for k, (name, grasp) in enumerate(given.grasps.items())
         }
-        held = _body(given.held_object, "object", numbers, ...)
+        held = varied_body(given.held_object, "object", numbers, ...)
         trunk = None if given.trunk is None else _trunk(given.trunk, numbers, given.joints[TRUNK])
         gravity = numbers.get("gravity", given.gravity)
         return changed(given, arms=arms, held_object=held, grasps=grasps, gravity=gravity, trunk=trunk)
@@ -103,14 +103,14 @@ def _arm(arm: Arm, base: Pose, numbers: Numbers, rows: slice, first: int) -> Arm
     made = arm.standing_at(base)
     links = enumerate(arm.links, first)
     made.__dict__.update(_of_joints(arm.joints, numbers, rows))
-    made.__dict__["links"] = tuple(_body(link, "link", numbers, k) for k, link in links)
+    made.__dict__["links"] = tuple(varied_body(link, "link", numbers, k) for k, link in links)
     return made
 
 
 def _trunk(trunk: Trunk, numbers: Numbers, rows: slice) -> Trunk:
     """Return a trunk with other numbers for its joints and bodies."""
     own = _of_joints(trunk.joints, numbers, rows) if trunk.joints else {}
-    floating, links = trunk.split([_body(body, "trunk_link", numbers, k) for k, body in enumerate(trunk.bodies)])
+    floating, links = trunk.split([varied_body(body, "trunk_link", numbers, k) for k, body in enumerate(trunk.bodies)])
     made = {"joints": own.get("joints", trunk.joints), "links": links, "floating": floating}
     if trunk.serial is not None:
         made["serial"] = changed(trunk.serial, **own, links=links)
@@ -126,7 +126,7 @@ def _of_joints(joints: Sequence[Joint], numbers: Numbers, rows: slice) -> dict[s
     return {**own, "joints": tuple(varied)}
 
 
-def _body(body: Body, what: str, numbers: Numbers, row: Any) -> Body:
+def varied_body(body: Body, what: str, numbers: Numbers, row: Any) -> Body:
     """Return a body with another mass, mass centre or inertia; the same body if none of them is given."""
     given = {name: numbers[f"{what}_{name}"] for name in ("mass", "com", "inertia") if f"{what}_{name}" in numbers}
     if not given:

@@ -296,6 +296,17 @@ def _found(question: Question, what: str, result: Any, parts: Mapping[Any, Array
     return Derivatives(result, parts)
 
 
+def finite_derivatives(result: Any, parts: Mapping[Any, Array]) -> Derivatives:
+    """Return derivatives that are finite.
+
+    Raises:
+        StateError: naming those that are not.
+    """
+    for name, x in parts.items():
+        checks.finite(x, f"derivatives: {' by '.join(name) if isinstance(name, tuple) else name}")
+    return Derivatives(result, parts)
+
+
 def _arrays_of(result: Any) -> list[Any]:
     """Return the arrays of a result, which may be nested in tuples and mappings."""
     if isinstance(result, Frozen):  # its numbers were checked where it was made

@@ -205,6 +205,21 @@ class Linear:
             step.forward(found)
         return [of.taken(found) for of in self.results]
 
+    def along(self, *directions: Array) -> list[Array]:
+        """Return the rates of the results along several directions at once, (.., d); floats only, and no rules.
+
+        Args:
+            directions: rates of the arrays, in their shapes with one more axis for the directions, (.., d).
+        """
+        count = directions[0].shape[-1]
+        found = list(np.concatenate([np.reshape(x, (-1, count)) for x in directions]))
+        for step in self.steps:
+            assert isinstance(step, Step)
+            found.append(sum((s * found[k] for k, s in zip(step.places, step.slopes, strict=True)), np.zeros(count)))
+        still = np.zeros(count)
+        rows = [[still if place < 0 else found[place] for place in of.places] for of in self.results]
+        return [np.reshape(x, (*of.shape, count)) for of, x in zip(self.results, rows, strict=True)]
+
     def gradient(self, *cotangents: Any) -> tuple[Array, ...]:
         """Return the gradient of sum(cotangent . result) with respect to each varied array, in its shape.
 

@@ -217,6 +217,7 @@ def test_massless_link():
         ({"method": "rccfd1"}, MethodNotApplicable, "no method 'rccfd1' for a forest"),
         ({"q": [0.0]}, StateError, "q: expected shape"),
         ({"qd": [0.0, np.inf]}, StateError, "qd"),
+        ({"tau": None}, StateError, "tau"),
         ({"q": [0.3, 0.0]}, StateError, "closure 0: position gap"),
         ({"qd": [0.3, 0.0]}, StateError, "closure 0: .*velocity gap 0.6"),
         ({"wrenches": np.zeros((3, 6))}, StateError, "wrenches"),
@@ -243,7 +244,7 @@ def test_refusals(change, error, message):
     ],
 )
 def test_other_questions(ask):
-    """A forest answers nothing else yet, and is refused by name."""
+    """What is asked of chains refuses a forest by name."""
     with pytest.raises(ModelError, match="expected ClosedChain, got Forest"):
         ask(slider_crank(0.0)[0])
 

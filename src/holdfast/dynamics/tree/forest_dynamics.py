@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
-from holdfast.dynamics.consistency import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.elimination import ForestSolution, left_over, solved
+from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_kkt import forest_kkt
-from holdfast.dynamics.tree.forest_motion import ForestMotion, forest_motion
+from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
 from holdfast.dynamics.tree.plan import plan_of
+from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.model.forest import Forest
@@ -107,17 +108,32 @@ def forest_dynamics(
         SingularChainError: no accelerations satisfy the closures, in a singular posture.
         MethodNotApplicable: there is no such method.
     """
-    checks.instance(forest, Forest, "forest")
     if not isinstance(method, str) or method not in FOREST_METHODS:
         hint = checks.did_you_mean(str(method), FOREST_METHODS)
         raise MethodNotApplicable(f"no method {checks.short(method)} for a forest.{hint}")
-    rates = checks.numbers(qd, (forest.velocity_count,), "qd", StateError)
-    torque = checks.numbers(tau, (forest.velocity_count,), "tau", StateError) - _damping(forest) * rates
+    return solved_forest(forest_arguments(forest, q, qd, tau, wrenches), method, check)[2]
+
+
+def forest_arguments(
+    forest: Forest, q: ArrayLike, qd: Any = ..., tau: Any = ..., wrenches: ArrayLike | None = None
+) -> ForestArguments:
+    """Return the checked arguments of a question of a forest; rates and torques that are left out are zero."""
+    checks.instance(forest, Forest, "forest")
+    n, none = (forest.velocity_count,), np.zeros(forest.velocity_count)
+    rates = none if qd is ... else checks.numbers(qd, n, "qd", StateError)
+    torque = none if tau is ... else checks.numbers(tau, n, "tau", StateError)
     pushed = np.zeros((len(forest.bodies), 6)) if wrenches is None else wrenches
     pushed = checks.numbers(pushed, (len(forest.bodies), 6), "wrenches", StateError)
-    motion = forest_motion(forest, _positions(forest, q), rates, torque, pushed)
+    return ForestArguments(forest, _positions(forest, q), rates, torque, pushed)
+
+
+def solved_forest(
+    given: ForestArguments, method: str = "sequential", check: bool = True
+) -> tuple[ForestMotion, ForestSolution, ForestResult]:
+    """Return the motion of a forest, its solution and what it means for users; see `forest_dynamics`."""
+    forest, motion = given.forest, given.motion({})
     if check:
-        _require_closed(motion, rates)
+        require_closed(motion, given.q, given.qd)
     found = FOREST_METHODS[method](motion)
     _require_inertia(forest, found)
     accelerations = [b.true_acceleration(x, forest.gravity) for b, x in zip(motion.bodies, found.beta, strict=True)]
@@ -130,7 +146,7 @@ def forest_dynamics(
     wrench, multipliers = found.wrenches, found.multipliers
     if not unique:
         wrench, multipliers = least_forces(motion, forest_rows(motion), wrench, multipliers, rank)
-    return ForestResult(
+    result = ForestResult(
         forest,
         np.concatenate(qdd),
         np.array(accelerations),
@@ -142,10 +158,7 @@ def forest_dynamics(
         1.0 / float(found.weakest),
         method,
     )
-
-
-def _damping(forest: Forest) -> Array:
-    return np.concatenate([np.full(b.joint.of_kind.freedoms, b.joint.damping) for b in forest.bodies])
+    return motion, found, result
 
 
 def _positions(forest: Forest, q: ArrayLike) -> Array:
@@ -161,27 +174,6 @@ def _positions(forest: Forest, q: ArrayLike) -> Array:
                 )
             found[at] /= length
     return found
-
-
-def _require_closed(motion: ForestMotion, qd: Array) -> None:
-    """Refuse a state that does not satisfy the closures and the couplings."""
-    forest, limit = motion.forest, VELOCITY_TOLERANCE * max(1.0, float(np.linalg.norm(qd)))
-    gaps = []
-    for i, (closure, c) in enumerate(zip(forest.closures, motion.closures, strict=True)):
-        point = motion.bodies[closure.b].at.frame.p + c.contact.origin
-        x = float(np.abs(position_residual(c.contact, point, c.tip)).max(initial=0.0))
-        v = float(np.abs(c.contact.velocity_gap).max(initial=0.0))
-        if not (x <= POSITION_TOLERANCE and v <= limit):
-            gaps.append(f"closure {i}: position gap {x:.3g} (m, rad), velocity gap {v:.3g} (m/s, rad/s)")
-    for i, coupling in enumerate(forest.couplings):
-        v = abs(sum(c * qd[forest.velocities[k].start + component] for k, component, c in coupling.terms))
-        if not v <= limit:
-            gaps.append(f"coupling {i}: rate {v:.3g}")
-    if gaps:
-        raise StateError(
-            f"the state does not satisfy the forest: {'; '.join(gaps)}. Expected <= {POSITION_TOLERANCE:g} and <="
-            f" {limit:.3g}; check=False leaves this out"
-        )
 
 
 def _require_inertia(forest: Forest, found: ForestSolution) -> None:

@@ -10,6 +10,7 @@ body, where its inertia has two blocks. A closure reads K (phi_b^T beta_b - phi_
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -42,6 +43,11 @@ class Carrier(NamedTuple):
     centre: Array
     twist: Array
     zeta: Array
+
+    @property
+    def point(self) -> Array:
+        """The point of the body in the world, (3,) [m]."""
+        return self.frame.p + self.centre
 
     def twist_at(self, l: Array) -> Array:
         """Return the twist at l from the point (6,)."""
@@ -95,6 +101,20 @@ class BodyMotion(NamedTuple):
         l = -self.at.centre
         return shift_twist(l, true) + concatenate([_NONE, centripetal(self.at.twist[:3], l)])
 
+    def at_rest(self) -> BodyMotion:
+        """Return the body at rest, without torques, wrenches and gravity."""
+        none, free = np.zeros(6), None if self.free is None else self.free.at_rest()
+        still = self.at._replace(zeta=none)
+        return self._replace(at=still, load=none, torque=0.0 * self.torque, wrench=none, free=free)
+
+    def point_acceleration(self, alpha: Array) -> Array:
+        """Return beta of a free body, (6,), from the true acceleration of its frame's origin."""
+        return shift_twist(self.at.centre, alpha) + concatenate([_NONE, centripetal(self.at.twist[:3], self.at.centre)])
+
+    def of_frame(self, rates: Array) -> Array:
+        """Return rates in the coordinates of qd, (m,); those of a free body are given at its mass centre."""
+        return shift_twist(-self.at.centre, rates) if self.floats else rates
+
 
 class ClosureMotion(NamedTuple):
     """A closure at one instant: K (phi_b^T beta_b - phi_a^T beta_a) = r with r = K (g + zeta_a - zeta_b).
@@ -140,6 +160,11 @@ class ClosureMotion(NamedTuple):
         none = np.zeros(6)
         return self._replace(g=r @ self.K, zeta_a=none, zeta_b=none)
 
+    def in_position(self) -> ClosureMotion:
+        """Return the closure with its position rows, fewer than its velocity rows if it is nonholonomic, and r = 0."""
+        still = self.at_rest_with(np.zeros(len(self.contact.rows)))
+        return still._replace(contact=replace(self.contact, rows=self.contact.grasp.of_kind.position_rows))
+
 
 class ForestMotion(NamedTuple):
     """A forest at one instant.
@@ -175,19 +200,22 @@ class ForestMotion(NamedTuple):
         """Limbs with and without a closure."""
         return [*self.limbs.values(), *self.lone]
 
-    def at_rest_with(self, gaps: list[Array], coupled: list[Scalar]) -> ForestMotion:
-        """Return the forest at rest, without torques, wrenches and gravity, with other right-hand sides of its rows."""
-        none = np.zeros(6)
-        bodies = [
-            body._replace(
-                at=body.at._replace(zeta=none),
-                load=none,
-                torque=0.0 * body.torque,
-                wrench=none,
-                free=None if body.free is None else body.free.at_rest(),
-            )
-            for body in self.bodies
-        ]
+    def at_rest_with(
+        self, gaps: list[Array], coupled: list[Scalar], torques: list[Array] | None = None
+    ) -> ForestMotion:
+        """Return the forest at rest, without wrenches and gravity, with other right-hand sides of its rows.
+
+        Args:
+            gaps: per closure, (rows,) right-hand sides.
+            coupled: per coupling, the right-hand side.
+            torques: per body, (m,) torques, of a free body (6,) a wrench about its mass centre; None for none.
+        """
+        bodies = [body.at_rest() for body in self.bodies]
+        if torques is not None:
+            bodies = [
+                body._replace(wrench=torque) if body.floats else body._replace(torque=torque)
+                for body, torque in zip(bodies, torques, strict=True)
+            ]
         closures = [c.at_rest_with(r) for c, r in zip(self.closures, gaps, strict=True)]
         return self._replace(bodies=bodies, closures=closures, coupled=coupled)
 

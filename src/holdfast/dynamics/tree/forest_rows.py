@@ -16,7 +16,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution, in_range
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, sqrt, where
-from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 
 NULL_COLUMN = 1e-12  # columns that are smaller, relative to their unit, are zero
 
@@ -37,6 +37,14 @@ class ForestRows(NamedTuple):
     closures: list[slice]
     couplings: list[int]
     jacobians: list[Array]
+
+    def on_qd(self, motion: ForestMotion) -> Array:
+        """Return the rows on qd, (rows, n_v), in which the rates of free bodies are those of their frames."""
+        found = self.G.copy()
+        for body, at in zip(motion.bodies, motion.forest.velocities, strict=True):
+            if body.floats:
+                found[:, at] = [shift_wrench(body.at.centre, row) for row in self.G[:, at]]
+        return found
 
 
 def forest_rows(motion: ForestMotion) -> ForestRows:
@@ -75,6 +83,33 @@ def reach(motion: ForestMotion) -> Scalar:
     return where(longest > 0.0, longest, 1.0)
 
 
+class ForceMetric(NamedTuple):
+    """The metric in which forces that are not unique are smallest.
+
+    Attributes:
+        length: L, the rms distance of the closures' points from their centroid [m].
+        weights: (6,) of the squares of the entries of a wrench.
+        couplings: per coupling, the weight of the square of its multiplier.
+    """
+
+    length: Scalar
+    weights: Array
+    couplings: list[Scalar]
+
+
+def force_metric(motion: ForestMotion) -> ForceMetric:
+    """Return the metric of forces; see `least_forces`."""
+    forest, turns = motion.forest, turning(motion)
+    pairs = zip(forest.closures, motion.closures, strict=True)
+    L = length_scale([motion.bodies[c.b].at.frame.p + m.contact.offset for c, m in pairs])
+    couplings = []
+    for coupling in forest.couplings:
+        of = [forest.velocities[k].start + component for k, component, _ in coupling.terms]
+        loads = [c / L if turns[i] else c for i, (_, _, c) in zip(of, coupling.terms, strict=True)]
+        couplings.append(sum(load * load for load in loads))
+    return ForceMetric(L, array([*3 * [1.0 / (L * L)], 1.0, 1.0, 1.0]), couplings)
+
+
 def least_forces(
     motion: ForestMotion, rows: ForestRows, wrenches: list[Array], multipliers: list[Scalar], rank: int
 ) -> tuple[list[Array], list[Scalar]]:
@@ -91,30 +126,39 @@ def least_forces(
         multipliers: per coupling.
         rank: rank of G.
     """
-    pairs = zip(motion.forest.closures, motion.closures, strict=True)
-    points = [motion.bodies[c.b].at.frame.p + m.contact.offset for c, m in pairs]
-    L = length_scale(points)
-    weights = array([*3 * [1.0 / (L * L)], 1.0, 1.0, 1.0])
-    factors, effects, sizes = [], [], []
-    for c, part, f in zip(motion.closures, rows.closures, wrenches, strict=True):
-        factors.append(cholesky((c.K * weights) @ c.K.T))
-        effects.append(forward_substitution(factors[-1], rows.G[part]))
-        sizes.append(factors[-1].T @ (c.K @ f))
-    turns = turning(motion)
-    for at, coupling, x in zip(rows.couplings, motion.forest.couplings, multipliers, strict=True):
-        of = [motion.forest.velocities[k].start + component for k, component, _ in coupling.terms]
-        loads = [c / L if turns[i] else c for i, (_, _, c) in zip(of, coupling.terms, strict=True)]
-        factors.append(sqrt(sum(load * load for load in loads)))
-        effects.append(rows.G[[at]] / factors[-1])
-        sizes.append(array([factors[-1] * x]))
-    E, unit = np.concatenate(effects), [maximum(reach(motion), L) if turn else 1.0 for turn in turns]
-    felt = [where(column @ column > (NULL_COLUMN * u) ** 2, column, 0.0) for column, u in zip(E.T, unit, strict=True)]
-    smallest = in_range(array(felt).T, concatenate(sizes), rank)
+    weighed = weighed_rows(motion, rows)
+    along = [c.K @ f for c, f in zip(motion.closures, wrenches, strict=True)]
+    forces = [*along, *(array([x]) for x in multipliers)]
+    sizes = [C.T @ f for C, f in zip(weighed.factors, forces, strict=True)]
+    smallest = in_range(weighed.E, concatenate(sizes), rank)
     ends = np.cumsum([0, *(len(x) for x in sizes)]).tolist()
-    parts = [smallest[start:end] for start, end in pairwise(ends)]
-    of_closures = [
-        back_substitution(factor, part) @ c.K
-        for c, part, factor in zip(motion.closures, parts, factors[: len(motion.closures)], strict=False)
-    ]
+    pairs = zip(weighed.factors, pairwise(ends), strict=True)
+    found = [back_substitution(factor, smallest[start:end]) for factor, (start, end) in pairs]
     count = len(motion.closures)
-    return of_closures, [part[0] / factor for part, factor in zip(parts[count:], factors[count:], strict=True)]
+    return [f @ c.K for f, c in zip(found[:count], motion.closures, strict=True)], [f[0] for f in found[count:]]
+
+
+class WeighedRows(NamedTuple):
+    """The rows in the metric of forces.
+
+    Attributes:
+        factors: per closure and per coupling, the lower triangular C of its metric C C^T.
+        E: (rows, n_v) C^-1 G, without columns that are only rounding.
+    """
+
+    factors: list[Array]
+    E: Array
+
+
+def weighed_rows(motion: ForestMotion, rows: ForestRows) -> WeighedRows:
+    """Return the rows in the metric of `force_metric`."""
+    metric = force_metric(motion)
+    factors = [cholesky((c.K * metric.weights) @ c.K.T) for c in motion.closures]
+    factors += [array([[sqrt(weight)]]) for weight in metric.couplings]
+    parts = [*rows.closures, *(slice(k, k + 1) for k in rows.couplings)]
+    E = np.concatenate(
+        [rows.G[:0], *(forward_substitution(C, rows.G[at]) for C, at in zip(factors, parts, strict=True))]
+    )
+    unit = [maximum(reach(motion), metric.length) if turn else 1.0 for turn in turning(motion)]
+    felt = [where(column @ column > (NULL_COLUMN * u) ** 2, column, 0.0) for column, u in zip(E.T, unit, strict=True)]
+    return WeighedRows(factors, array(felt).T)

@@ -1,0 +1,116 @@
+"""Energies, momentum and power of a forest, whose balances check every motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.energy import Power
+from holdfast.dynamics.tree.forest_dynamics import forest_arguments
+from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.dynamics.tree.varied_forest import ForestArguments, damping_torques
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.forest import Forest
+from holdfast.names import called
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.spatial.spatial_vector import shift_wrench
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class ForestBalance(Frozen):
+    """Energies, momentum and power of a forest in one state. SI units, world axes.
+
+    Attributes:
+        kinetic_energy: of all bodies, plus 1/2 armature qd^2 of the drives [J].
+        potential_energy: -sum m g . r, zero at the world's origin [J].
+        momentum: (6,) [angular; linear] of all bodies about a point; that of rotors (armature) is not included [N m s,
+            N s].
+        mass: of all bodies [kg].
+        centre_of_mass: (3,) of all bodies; the origin if they have no mass [m].
+        power: into the forest. Closures and couplings, at rest or moving with bodies, do no work in sum.
+    """
+
+    kinetic_energy: float
+    potential_energy: float
+    momentum: Array
+    mass: float
+    centre_of_mass: Array
+    power: Power
+
+
+@np.errstate(all="ignore")  # what overflows is refused
+def forest_balance(
+    forest: Forest,
+    q: ArrayLike,
+    qd: ArrayLike,
+    tau: ArrayLike | None = None,
+    wrenches: ArrayLike | None = None,
+    *,
+    about: ArrayLike | None = None,
+) -> ForestBalance:
+    """Return energies, momentum and power of a forest, sums over its bodies. O(n).
+
+    d(kinetic + potential)/dt is the total of the power.
+
+    Args:
+        forest: bodies, closures and couplings.
+        q: (n_q,) positions.
+        qd: (n_v,) rates.
+        tau: (n_v,) torques [N m or N]; zero by default.
+        wrenches: (bodies, 6) external wrenches about the origins of the bodies' frames; zero by default.
+        about: (3,) point of the momentum [m]; the world's origin by default.
+
+    Raises:
+        StateError: a shape is wrong, or the numbers overflow.
+    """
+    given = forest_arguments(forest, q, qd, ... if tau is None else tau, wrenches)
+    point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
+    motion = given.motion({})
+    mass, moment = mass_moment(motion)
+    numbers = [kinetic_energy(motion, given.qd), -(forest.gravity @ moment), *power_into(given, motion)]
+    checks.finite(np.array(numbers), "the balance of the forest")
+    return ForestBalance(
+        float(numbers[0]),
+        float(numbers[1]),
+        checks.finite(momentum(motion, point), "momentum"),
+        float(mass),
+        moment / mass if mass > 0.0 else np.zeros(3),
+        Power(*map(float, numbers[2:])),
+    )
+
+
+def kinetic_energy(motion: ForestMotion, qd: Array) -> Scalar:
+    """Return the kinetic energy of bodies and drives [J]."""
+    total: Scalar = 0.0
+    for body, part in zip(motion.bodies, motion.forest.velocities, strict=True):
+        V, rates = body.at.twist, qd[part]
+        total = total + 0.5 * (V @ body.inertia.apply(V) + body.armature @ (rates * rates))
+    return total
+
+
+def momentum(motion: ForestMotion, about: Array) -> Array:
+    """Return [angular; linear] momentum about a point, (6,)."""
+    parts = [shift_wrench(b.at.point - about, b.inertia.apply(b.at.twist)) for b in motion.bodies]
+    return sum(parts, start=np.zeros(6))
+
+
+def mass_moment(motion: ForestMotion) -> tuple[Scalar, Array]:
+    """Return the mass of all bodies [kg], and their first moment about the world's origin, (3,) [kg m]."""
+    mass: Scalar = 0.0
+    moment = np.zeros(3)
+    for body, part in zip(motion.forest.bodies, motion.bodies, strict=True):
+        frame = part.at.frame
+        mass, moment = mass + body.link.mass, moment + body.link.mass * (frame.p + frame.R @ body.link.com)
+    return mass, moment
+
+
+def power_into(given: ForestArguments, motion: ForestMotion) -> Power:
+    """Return the power of drives, dampers and external wrenches [W]."""
+    lost = damping_torques(given.forest, given.qd) @ given.qd
+    twists = concatenate([b.at.twist_at(-b.at.centre) for b in motion.bodies])
+    return Power(given.tau @ given.qd, -lost, 0.0, given.wrenches.ravel() @ twists)

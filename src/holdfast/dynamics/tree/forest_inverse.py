@@ -1,0 +1,145 @@
+"""Inverse dynamics of a forest: torques of the joints with drives, and the least loads that carry all else.
+
+Joints without a drive and free bodies are passive. Their part of M qdd + h - G^T lambda = tau has tau = 0, so that the
+forces of closures and couplings must satisfy
+
+    G_P^T lambda = (M qdd + h)_P,    lambda the smallest in the metric of forces,    tau_A = (M qdd + h - G^T lambda)_A
+
+M qdd + h is the derivative of the virtual power by the joint rates (`virtual_power`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.closed.stacked import block_diagonal
+from holdfast.dynamics.consistency import VELOCITY_TOLERANCE
+from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
+from holdfast.dynamics.tree.forest_dynamics import forest_arguments
+from holdfast.dynamics.tree.forest_gaps import require_closed
+from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.dynamics.tree.forest_rows import forest_rows, reach, turning, weighed_rows
+from holdfast.dynamics.tree.virtual_power import ForestUnknowns, along_rows, carried, outputs, residual
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.forest import Forest
+from holdfast.names import called
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array
+
+MISSING = 1e-8  # a passive load that is left over, relative to all passive loads, cannot be carried
+
+
+@called
+@dataclass(frozen=True, eq=False)
+class ForestTorques(Frozen):
+    """Torques for given accelerations. SI units, world axes.
+
+    Attributes:
+        tau: (n_v,) torques; 0 for joints without a drive and for free bodies.
+        closure_wrench: (closures, 6) [moment; force] of body a on body b about the contact point [N m, N].
+        coupling_force: (couplings,) multipliers; a coupling acts on each of its joints with c times this.
+    """
+
+    tau: Array
+    closure_wrench: Array
+    coupling_force: Array
+
+
+@np.errstate(all="ignore")  # what overflows is refused
+def forest_inverse_dynamics(
+    forest: Forest,
+    q: ArrayLike,
+    qd: ArrayLike,
+    qdd: ArrayLike,
+    wrenches: ArrayLike | None = None,
+    *,
+    check: bool = True,
+) -> ForestTorques:
+    """Return the torques of the drives for given accelerations, and the least forces that carry all passive parts.
+
+    The forces of closures and couplings are the smallest that accelerate free bodies and joints without a drive
+    (`BodyJoint.actuated`) as asked, in the metric of `forest_dynamics`, which gives the accelerations back for these
+    torques. O(n^3).
+
+    Args:
+        forest: bodies, closures and couplings.
+        q: (n_q,) positions.
+        qd: (n_v,) rates.
+        qdd: (n_v,) accelerations, the time derivatives of qd, which satisfy the closures.
+        wrenches: (bodies, 6) external wrenches about the origins of the bodies' frames; zero by default.
+        check: if False, it is not checked whether state and accelerations satisfy closures and couplings.
+
+    Raises:
+        StateError: a shape is wrong, the state or the accelerations violate a closure or a coupling, or no forces of
+            closures and couplings can carry a passive part; the message says what is missing.
+    """
+    given = forest_arguments(forest, q, qd, wrenches=wrenches)
+    wanted = checks.numbers(qdd, (forest.velocity_count,), "qdd", StateError)
+    motion = given.motion({})
+    rates = [wanted[part] for part in forest.velocities]
+    rates = [b.point_acceleration(x) if b.floats else x for b, x in zip(motion.bodies, rates, strict=True)]
+    if check:
+        require_closed(motion, given.q, given.qd)
+        _require_possible(motion, rates)
+    none = ForestUnknowns(rates, [np.zeros(len(c.K)) for c in motion.closures], np.zeros(len(motion.coupled)))
+    needed = checks.finite(residual(motion, none)[: forest.velocity_count], "inverse dynamics")
+    rows = forest_rows(motion)
+    weighed = weighed_rows(motion, rows)
+    passive = ~driven(forest)
+    load = _least(motion, weighed.E.T[passive], needed[passive])
+    C = block_diagonal(weighed.factors)
+    force = np.linalg.solve(C.T, load) if len(C) else load
+    left = needed - rows.G.T @ force
+    _require_carried(motion, passive, needed, left)
+    ends = np.cumsum([len(c.K) for c in motion.closures]).tolist()
+    *along, coupled = np.split(force, ends) if ends else [force]
+    z = none._replace(closures=along, couplings=coupled)
+    return ForestTorques(
+        np.where(passive, 0.0, left), outputs(motion, z, carried(motion, z.rates)).closure_wrench, coupled
+    )
+
+
+def driven(forest: Forest) -> Array:
+    """Return for every component of qd whether it has a drive, (n_v,)."""
+    has = [body.joint.actuated and not body.joint.of_kind.floats for body in forest.bodies]
+    return np.repeat(has, [body.joint.of_kind.freedoms for body in forest.bodies])
+
+
+def _least(motion: ForestMotion, columns: Array, needed: Array) -> Array:
+    """Return the smallest z with columns z = needed, once more for what rounding leaves."""
+    unit = np.where(np.array(turning(motion)), reach(motion), 1.0)[~driven(motion.forest)]
+    inverse = np.linalg.pinv(columns / unit[:, None], rcond=NULL_SINGULAR_VALUE) / unit
+    found = inverse @ needed
+    return found + inverse @ (needed - columns @ found)
+
+
+def _require_possible(motion: ForestMotion, rates: list[Array]) -> None:
+    """Refuse accelerations that violate closures or couplings."""
+    closed, coupled = along_rows(motion, rates, carried(motion, rates))
+    limit = VELOCITY_TOLERANCE * max(1.0, *(float(np.abs(x).max()) for x in rates))
+    gaps = [float(np.abs(x - c.r).max(initial=0.0)) for x, c in zip(closed, motion.closures, strict=True)]
+    apart = [f"closure {i}: {gap:.3g}" for i, gap in enumerate(gaps) if not gap <= limit]
+    apart += [f"coupling {i}: {abs(x):.3g}" for i, x in enumerate(coupled) if not abs(x) <= limit]
+    if apart:
+        raise StateError(
+            f"qdd: the accelerations do not satisfy the forest: {', '.join(apart)} (m/s^2, rad/s^2), expected <="
+            f" {limit:.3g}; try those of forest_dynamics, or check=False"
+        )
+
+
+def _require_carried(motion: ForestMotion, passive: Array, needed: Array, left: Array) -> None:
+    """Refuse accelerations of passive parts for which there are no forces."""
+    forest = motion.forest
+    limit = MISSING * max(1.0, float(np.abs(needed).max()))
+    for k, (body, part) in enumerate(zip(forest.bodies, forest.velocities, strict=True)):
+        if passive[part].any() and not np.abs(left[part]).max() <= limit:
+            name = f"body {k}" + (f" '{body.link.name}'" if body.link.name else "")
+            what = "about its mass centre (N m, N)" if body.joint.of_kind.floats else "at its joint (N m or N)"
+            raise StateError(
+                f"qdd: no wrench can carry {name}, which has no drive: {checks.place(left[part])} is missing {what}."
+                " Try other accelerations, a drive (actuated=True), or another closure"
+            )

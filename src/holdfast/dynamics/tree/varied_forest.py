@@ -1,0 +1,148 @@
+"""The arguments of a forest's equations, in which numbers can be replaced by scalars of any kind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.tree.forest_motion import ForestMotion, forest_motion
+from holdfast.model.forest import Forest, ForestBody
+from holdfast.questions.case import varied_body
+from holdfast.spatial import rotation
+from holdfast.spatial.frozen import changed
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.vector import skew
+
+FOREST_ARGUMENTS = (
+    *("q", "qd", "tau", "link_wrench", "gravity", "armature", "damping"),
+    *("link_mass", "link_com", "link_inertia", "joint_pose", "tip_pose", "grasp_pose"),
+)
+
+
+class ForestArguments(NamedTuple):
+    """The arguments of `forest_dynamics`, shaped.
+
+    Attributes:
+        forest: the forest.
+        q: (n_q,) positions with unit quaternions.
+        qd: (n_v,) rates.
+        tau: (n_v,) torques, those of dampers not included.
+        wrenches: (bodies, 6) external wrenches about the origins of the bodies' frames.
+    """
+
+    forest: Forest
+    q: Array
+    qd: Array
+    tau: Array
+    wrenches: Array
+
+    def values(self, names: Sequence[str]) -> dict[str, Array]:
+        """Return the named numbers; those of positions and poses are tangents, which are zero."""
+        forest = self.forest
+        bodies, closures = forest.bodies, len(forest.closures)
+        own = {
+            "q": lambda: np.zeros(forest.velocity_count),
+            "qd": lambda: self.qd,
+            "tau": lambda: self.tau,
+            "link_wrench": lambda: self.wrenches,
+            "gravity": lambda: forest.gravity,
+            "armature": lambda: np.array([body.joint.armature for body in bodies]),
+            "damping": lambda: np.array([body.joint.damping for body in bodies]),
+            "link_mass": lambda: np.array([body.link.mass for body in bodies]),
+            "link_com": lambda: np.array([body.link.com for body in bodies]),
+            "link_inertia": lambda: np.array([body.link.inertia for body in bodies]),
+            "joint_pose": lambda: np.zeros((len(bodies), 6)),
+            "tip_pose": lambda: np.zeros((closures, 6)),
+            "grasp_pose": lambda: np.zeros((closures, 6)),
+        }
+        return {name: own[name]() for name in names}
+
+    def motion(self, varied: Mapping[str, Array]) -> ForestMotion:
+        """Return the motion with some numbers replaced, named as by `values`; tangents are exact to first order."""
+        forest = self.forest
+        if not varied.keys() <= {"q", "qd", "tau", "link_wrench"}:
+            forest = changed(
+                forest,
+                bodies=tuple(_body(body, k, varied) for k, body in enumerate(forest.bodies)),
+                closures=tuple(
+                    changed(
+                        c,
+                        tip=_moved(c.tip, "tip_pose", varied, i),
+                        grasp=c.grasp.standing_at(_moved(c.grasp.frame, "grasp_pose", varied, i)),
+                    )
+                    for i, c in enumerate(forest.closures)
+                ),
+                gravity=varied.get("gravity", forest.gravity),
+            )
+        q = self.q + position_rates(self.forest, self.q, varied["q"]) if "q" in varied else self.q
+        qd, tau, wrenches = (
+            varied.get(name, own) for name, own in (("qd", self.qd), ("tau", self.tau), ("link_wrench", self.wrenches))
+        )
+        return forest_motion(forest, q, qd, tau - damping_torques(forest, qd), wrenches)
+
+
+def displaced(forest: Forest, q: Array, step: Array) -> Array:
+    """Return positions after a step: q + step, but for quaternions, which turn by exp(step) from the left.
+
+    Args:
+        forest: the forest.
+        q: (n_q,) positions.
+        step: (n_v,) small displacement in the coordinates of qd.
+    """
+    parts = []
+    for body, at_q, at_v in zip(forest.bodies, forest.positions, forest.velocities, strict=True):
+        own, by = q[at_q], step[at_v]
+        if body.joint.of_kind.pose:
+            turned = rotation.quaternion_product(rotation.quaternion_exp(by[:3]), own[:4])
+            parts += [rotation.normalised(turned), own[4:] + by[3:]]
+        else:
+            parts.append(own + by)
+    return concatenate(parts)
+
+
+def position_rates(forest: Forest, q: Array, qd: Array) -> Array:
+    """Return dq/dt, (n_q,), of which the part of a quaternion is half the product of the angular velocity with it."""
+    parts = []
+    for body, at_q, at_v in zip(forest.bodies, forest.positions, forest.velocities, strict=True):
+        rates = qd[at_v]
+        if body.joint.of_kind.pose:
+            turning = 0.5 * rotation.quaternion_product(concatenate([[0.0], rates[:3]]), q[at_q][:4])
+            rates = concatenate([turning, rates[3:]])
+        parts.append(rates)
+    return concatenate(parts)
+
+
+def displacement(forest: Forest, before: Array, after: Array) -> Array:
+    """Return the step from some positions to others, (n_v,), for `displaced`."""
+    parts = []
+    for body, at in zip(forest.bodies, forest.positions, strict=True):
+        old, new = before[at], after[at]
+        if body.joint.of_kind.pose:
+            there, here = rotation.from_quaternion(new[:4]), rotation.from_quaternion(old[:4])
+            parts += [rotation.log(there @ here.T), new[4:] - old[4:]]
+        else:
+            parts.append(new - old)
+    return concatenate(parts)
+
+
+def damping_torques(forest: Forest, qd: Array) -> Array:
+    """Return damping qd, (n_v,)."""
+    parts = [body.joint.damping * qd[at] for body, at in zip(forest.bodies, forest.velocities, strict=True)]
+    return concatenate([0.0 * x if len(x) == 6 else x for x in parts])
+
+
+def _body(body: ForestBody, k: int, varied: Mapping[str, Array]) -> ForestBody:
+    own = {name: varied[name][k] for name in ("armature", "damping") if name in varied}
+    joint = changed(body.joint, **own, placement=_moved(body.joint.placement, "joint_pose", varied, k))
+    return changed(body, link=varied_body(body.link, "link", varied, k), joint=joint)
+
+
+def _moved(pose: Pose, name: str, varied: Mapping[str, Array], row: int) -> Pose:
+    """Return a pose turned from the left, and shifted, by a tangent that is zero but may vary."""
+    if name not in varied:
+        return pose
+    turn, shift = varied[name][row][:3], varied[name][row][3:]
+    return Pose.unchecked(pose.R + skew(turn) @ pose.R, pose.p + shift)
