@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.rank import NEIGHBOUR_DISTANCE, NEIGHBOURS, SHORTER, STRAYED
+from holdfast.dynamics.tree.branches import ForestPart
 from holdfast.dynamics.tree.forest_closing import closed_positions
 from holdfast.dynamics.tree.forest_dynamics import by_plan, forest_arguments
 from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, reach, turning
-from holdfast.dynamics.tree.branches import ForestPart
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced, displacement
 from holdfast.errors import ClosureError, SingularChainError
