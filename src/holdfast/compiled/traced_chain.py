@@ -186,7 +186,7 @@ def _traced_trunk(trunk: Trunk, given: Given) -> Trunk:
 
 
 def _constant_joint(joint: Joint) -> Joint:
-    plain = Joint(joint.kind, constants(joint.axis), _constant_pose(joint.placement))
+    plain = Joint(joint.kind, constants(joint.axis), _constant_pose(joint.placement), pitch=joint.pitch)
     numbers = {name: Constant(getattr(joint, name)) for name in ("armature", "damping", "stiffness", "rest")}
     return replace(plain, **numbers)
 

@@ -129,18 +129,24 @@ class Closure(Frozen):
     Body b is what a grasp holds, and body a what holds it: the wrench f is that of a on b, about the contact point.
 
     Attributes:
-        a: index of the first body; None for the world.
-        b: index of the second body, in whose frame the contact frame of the grasp is given.
+        a: the first body; None for the world. In the `loops` of a `ClosedChain`: a link or frame of an arm as
+            "arm/link", a body of the trunk as "trunk/link", or an object by its name; in a `Forest`: its index.
+        b: the second body, in whose frame the contact frame of the grasp is given, likewise.
         grasp: the kind of constraint, with the contact frame in the axes of b.
         tip: pose of the frame on a that attaches to it, in the axes of a.
+        name: name in messages.
     """
 
-    a: int | None
-    b: int
+    a: int | str | None
+    b: int | str
     grasp: Grasp
     tip: PoseField = field(default_factory=making(Pose.identity))
+    name: str = ""
 
     def __post_init__(self) -> None:
+        checks.name(self.name, "closure: name")
+        checks.instance(self.a, (int, np.integer, str, type(None)), "closure: a")
+        checks.instance(self.b, (int, np.integer, str), "closure: b")
         checks.instance(self.grasp, Grasp, "closure: grasp")
         object.__setattr__(self, "tip", checks.pose(self.tip, "closure: tip"))
         if self.grasp.of_kind.bushing is not None:
@@ -156,11 +162,18 @@ class JointCoupling(Frozen):
 
     Attributes:
         terms: per joint, the index of its body, the component of its qd, and the coefficient c, which is not zero.
+        offset: sum c q, which a state must keep, for joints with one degree of freedom [rad or m]; None for any.
+        name: name in messages.
     """
 
     terms: Sequence[tuple[int, int, float]]
+    offset: float | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
+        checks.name(self.name, "coupling: name")
+        if self.offset is not None:
+            object.__setattr__(self, "offset", checks.number(self.offset, "coupling: offset"))
         found = []
         if not isinstance(self.terms, Sequence) or not self.terms:
             raise ModelError("coupling: terms: expected at least one (body, component, coefficient)")
@@ -225,6 +238,8 @@ class Forest(Frozen):
                 if kind.floats:
                     raise ModelError(f"forest: coupling {i}: body {body} is free; expected one on a joint")
                 _index(component, kind.freedoms, f"forest: coupling {i}: component", "a component of the joint")
+                if coupling.offset is not None and kind.position_count > 1:
+                    raise ModelError(f"forest: coupling {i}: offset: expected joints with one degree of freedom")
 
     def __repr__(self) -> str:
         """Return the numbers of bodies, closures and couplings, on one line."""
@@ -240,7 +255,7 @@ class Forest(Frozen):
         return Topology(
             tuple(GROUND if body.parent is None else body.parent for body in self.bodies),
             tuple(body.joint.of_kind.floats for body in self.bodies),
-            tuple((GROUND if c.a is None else c.a, c.b) for c in self.closures),
+            tuple((GROUND if c.a is None else int(c.a), int(c.b)) for c in self.closures),
             tuple(tuple(sorted({body for body, _, _ in coupling.terms})) for coupling in self.couplings),
         )
 

@@ -108,16 +108,32 @@ def forest_dynamics(
         MethodNotApplicable: there is no such method.
     """
     checks.instance(forest, Forest, "forest")
-    if not isinstance(method, str) or method not in FOREST_METHODS:
-        hint = checks.did_you_mean(str(method), FOREST_METHODS)
-        raise MethodNotApplicable(f"no method {checks.short(method)} for a forest.{hint}")
     rates = checks.numbers(qd, (forest.velocity_count,), "qd", StateError)
     torque = checks.numbers(tau, (forest.velocity_count,), "tau", StateError) - _damping(forest) * rates
     pushed = np.zeros((len(forest.bodies), 6)) if wrenches is None else wrenches
     pushed = checks.numbers(pushed, (len(forest.bodies), 6), "wrenches", StateError)
-    motion = forest_motion(forest, _positions(forest, q), rates, torque, pushed)
+    positions = forest_positions(forest, q)
+    motion = forest_motion(forest, positions, rates, torque, pushed)
+    return forest_result(motion, positions, rates, method, check=check)
+
+
+@np.errstate(all="ignore")
+def forest_result(motion: ForestMotion, q: Array, qd: Array, method: str, *, check: bool) -> ForestResult:
+    """Return the result of a forest in motion; see `forest_dynamics`.
+
+    Args:
+        motion: its motion.
+        q: (n_q,) its positions.
+        qd: (n_v,) its rates.
+        method: a key of `FOREST_METHODS`.
+        check: whether closures and couplings must be satisfied.
+    """
+    forest = motion.forest
+    if not isinstance(method, str) or method not in FOREST_METHODS:
+        hint = checks.did_you_mean(str(method), FOREST_METHODS)
+        raise MethodNotApplicable(f"no method {checks.short(method)} for a forest.{hint}")
     if check:
-        _require_closed(motion, rates)
+        _require_closed(motion, q, qd)
     found = FOREST_METHODS[method](motion)
     _require_inertia(forest, found)
     accelerations = [b.true_acceleration(x, forest.gravity) for b, x in zip(motion.bodies, found.beta, strict=True)]
@@ -148,22 +164,27 @@ def _damping(forest: Forest) -> Array:
     return np.concatenate([np.full(b.joint.of_kind.freedoms, b.joint.damping) for b in forest.bodies])
 
 
-def _positions(forest: Forest, q: ArrayLike) -> Array:
-    """Return checked positions with unit quaternions."""
+def forest_positions(forest: Forest, q: ArrayLike) -> Array:
+    """Return checked positions with unit quaternions.
+
+    Raises:
+        StateError: the shape is wrong, or a quaternion is not of unit length.
+    """
     found = np.array(checks.numbers(q, (forest.position_count,), "q", StateError))
     for k, (body, part) in enumerate(zip(forest.bodies, forest.positions, strict=True)):
         if body.joint.of_kind.pose:
             at = slice(part.start, part.start + 4)
             length = float(np.linalg.norm(found[at]))
             if abs(length - 1.0) > checks.ROTATION_TOLERANCE:
+                name = f"{k} '{body.link.name}'" if body.link.name else str(k)
                 raise StateError(
-                    f"q of body {k}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
+                    f"q of body {name}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
                 )
             found[at] /= length
     return found
 
 
-def _require_closed(motion: ForestMotion, qd: Array) -> None:
+def _require_closed(motion: ForestMotion, q: Array, qd: Array) -> None:
     """Refuse a state that does not satisfy the closures and the couplings."""
     forest, limit = motion.forest, VELOCITY_TOLERANCE * max(1.0, float(np.linalg.norm(qd)))
     gaps = []
@@ -172,11 +193,16 @@ def _require_closed(motion: ForestMotion, qd: Array) -> None:
         x = float(np.abs(position_residual(c.contact, point, c.tip)).max(initial=0.0))
         v = float(np.abs(c.contact.velocity_gap).max(initial=0.0))
         if not (x <= POSITION_TOLERANCE and v <= limit):
-            gaps.append(f"closure {i}: position gap {x:.3g} (m, rad), velocity gap {v:.3g} (m/s, rad/s)")
+            gaps.append(
+                f"{closure.name or f'closure {i}'}: position gap {x:.3g} (m, rad), velocity gap {v:.3g} (m/s, rad/s)"
+            )
     for i, coupling in enumerate(forest.couplings):
         v = abs(sum(c * qd[forest.velocities[k].start + component] for k, component, c in coupling.terms))
-        if not v <= limit:
-            gaps.append(f"coupling {i}: rate {v:.3g}")
+        x = 0.0
+        if coupling.offset is not None:
+            x = abs(sum(c * q[forest.positions[k].start] for k, _, c in coupling.terms) - coupling.offset)
+        if not (x <= POSITION_TOLERANCE and v <= limit):
+            gaps.append(f"{coupling.name or f'coupling {i}'}: position gap {x:.3g}, velocity gap {v:.3g} (m, rad, s)")
     if gaps:
         raise StateError(
             f"the state does not satisfy the forest: {'; '.join(gaps)}. Expected <= {POSITION_TOLERANCE:g} and <="
@@ -206,11 +232,11 @@ def _require_satisfied(motion: ForestMotion, found: ForestSolution, rank: int) -
     for i, (closure, c, gap) in enumerate(zip(forest.closures, motion.closures, gaps, strict=True)):
         size = np.abs(c.on_b @ found.beta[closure.b]).sum() + np.abs(c.r).sum() + 1.0
         if np.abs(gap).max(initial=0.0) > CONTRADICTION * size:
-            _refuse_singular(forest, rank, f"closure {i}")
+            _refuse_singular(forest, rank, closure.name or f"closure {i}")
     for i, (coupling, gap) in enumerate(zip(forest.couplings, coupled, strict=True)):
         size = sum(abs(c * found.qdd[k][component]) for k, component, c in coupling.terms) + 1.0
         if abs(gap) > CONTRADICTION * size:
-            _refuse_singular(forest, rank, f"coupling {i}")
+            _refuse_singular(forest, rank, coupling.name or f"coupling {i}")
 
 
 def _refuse_singular(forest: Forest, rank: int, what: str) -> NoReturn:
