@@ -58,12 +58,16 @@ def link_poses(arm: Arm, q: ArrayLike) -> list[Pose]:
     """Return the pose of every link frame in the world, base to tip; its origin lies on the link's joint. O(N).
 
     Args:
-        arm: the arm.
-        q: (N,) joint positions, base to tip [rad or m].
+        arm: the arm, which may have branches.
+        q: (N,) joint positions in the order of its joints [rad or m]; a spherical joint has four.
 
     Raises:
         StateError: the number of positions is wrong, or they are not finite.
     """
+    checks.instance(arm, Arm, "arm")
+    if not arm.is_serial:
+        forest = ClosedChain({"arm": arm}).as_forest.forest
+        return forest.poses(checks.numbers(q, (forest.position_count,), "q", StateError))
     return link_frames(_configuration(arm, q))
 
 

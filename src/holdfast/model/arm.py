@@ -161,6 +161,11 @@ class Arm(Frozen):
         return self._link(name, f"{what}: arm '{self.name}'"), Pose.identity()
 
     @property
+    def is_serial(self) -> bool:
+        """Whether its joints are in series, independent, and have one degree of freedom each."""
+        return not (self.parents or self.couplings or any(joint.type.quaternion for joint in self.joints))
+
+    @property
     def parent_of(self) -> tuple[int | None, ...]:
         """Per joint with one part, the index of the link on which it stands; None for the base."""
         serial: tuple[int | None, ...] = (None, *range(len(self.joints)))[:-1]
@@ -243,7 +248,7 @@ def serial_arm(value: Any, what: str) -> None:
         MethodNotApplicable: it has branches or a spherical joint; the message says what to try.
     """
     checks.instance(value, Arm, what)
-    if value.parents or value.couplings or any(joint.type.quaternion for joint in value.joints):
+    if not value.is_serial:
         has = "branches" if value.parents else "coupled joints" if value.couplings else "a spherical joint"
         raise MethodNotApplicable(
             f"{what}: expected a serial arm, got one with {has}; try it in a ClosedChain, for forward_dynamics"

@@ -279,6 +279,14 @@ class Forest(Frozen):
         """Length n_v of qd, qdd and tau."""
         return self.velocities[-1].stop
 
+    def poses(self, q: Array) -> list[Pose]:
+        """Return the pose of every body's frame in the world at positions q (n_q,). O(bodies)."""
+        found: list[Pose] = []
+        for body, part in zip(self.bodies, self.positions, strict=True):
+            at = body.joint.placement @ Pose.unchecked(*body.joint.displacement(q[part]))
+            found.append(at if body.parent is None else found[body.parent] @ at)
+        return found
+
     @property
     def constraint_row_count(self) -> int:
         """Number of rows of the constraint on qd: those of closures, without their free directions, and couplings."""

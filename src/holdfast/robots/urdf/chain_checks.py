@@ -16,7 +16,7 @@ from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots.urdf.bodies import FoldedChain, moving_branches
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint, path_between, resting_position
-from holdfast.robots.urdf.robot import MOVABLE, WORLD_LINK, UrdfJoint, UrdfRobot
+from holdfast.robots.urdf.robot import MOVABLE, WORLD_LINK, Coupling, UrdfJoint, UrdfRobot
 
 MOST_REASONS = 8  # reasons in one message
 MOST_HELD = 40  # joints in the advice of one message
@@ -191,6 +191,9 @@ def coupling_notes(
         places = {world if link == WORLD_LINK and link not in at else at.get(link, -1) for link in coupling.links}
         moving = {k for k in places if k > 0 or (floats and k == 0)}
         acts = any(joint in joints for joint in coupling.joints)
+        if _is_mimicked(robot, coupling):
+            notes.append(coupling.element.message("not read, since the joints between its links mimic one of them"))
+            continue
         if acts or (moving and len(places) > 1) or len(coupling.links | coupling.joints) < 2:
             ends = " and ".join(quoted(one) for one in sorted(coupling.links or coupling.joints)) or "no known link"
             raise coupling.element.refuse(
@@ -202,3 +205,12 @@ def coupling_notes(
                 coupling.element.message("not read, since it has no effect between links that are locked together")
             )
     return notes
+
+
+def _is_mimicked(robot: UrdfRobot, coupling: Coupling) -> bool:
+    """Return whether one joint moves all joints between two links, which a loop between them only says again."""
+    if len(coupling.links) != 2 or coupling.joints or WORLD_LINK in coupling.links:
+        return False
+    between = [joint for joint, _ in path_between(robot, *sorted(coupling.links)) if not joint.is_fixed]
+    followed = {joint.mimic.joint if joint.mimic is not None else joint.name for joint in between}
+    return len(between) > 1 and len(followed) == 1
