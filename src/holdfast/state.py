@@ -57,7 +57,7 @@ class State(Frozen):
         put = object.__setattr__
         put(self, "q", checks.vector(self.q, "state: q", StateError))
         put(self, "qd", checks.numbers(self.qd, self._shape_of_qd(), "state: qd", StateError))
-        if self.object_pose is None or np.ndim(getattr(self.object_pose, "p", self.object_pose)) == 2:
+        if self.object_pose is None or _are_several(self.object_pose):
             self._set_objects()
         else:
             put(self, "object_pose", _pose(self.object_pose, "state: object_pose"))
@@ -195,6 +195,13 @@ def found_state(parts: Mapping[str, Array]) -> State:
     vars(state).update({"base_pose": None, "base_twist": None})
     vars(state).update({name: checks.read_only(x) for name, x in parts.items()})
     return state
+
+
+def _are_several(poses: Any) -> bool:
+    """Return whether what is given is a list of poses, or an array of them."""
+    if isinstance(poses, np.ndarray):
+        return poses.ndim == 2
+    return isinstance(poses, list | tuple) and all(isinstance(one, Pose) or np.shape(one) == (7,) for one in poses)
 
 
 def _pose(given: Any, what: str) -> Array:

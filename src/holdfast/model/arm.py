@@ -11,6 +11,7 @@ import numpy as np
 
 from holdfast.errors import MethodNotApplicable, ModelError
 from holdfast.model import checks
+from holdfast.model.closure import Closure, checked_loops
 from holdfast.model.coupling import Coupling, checked_couplings
 from holdfast.model.fingerprint import OMITTED, PICTURE
 from holdfast.model.joint import Joint
@@ -43,6 +44,8 @@ class Arm(Frozen):
             By default every joint stands on the link before. An arm with branches has no tip.
         frames: by name, further frames on its links, as (link, pose in the link's frame), for grasps and closures.
         couplings: linear relations between its joints, by their names, for example of mimic joints.
+        loops: by name, closures between its links, for example of a parallelogram. Their ends are names of links or
+            frames; None is the base.
     """
 
     joints: Sequence[Joint]
@@ -55,6 +58,7 @@ class Arm(Frozen):
     parents: Sequence[int | str | None] = field(default=(), metadata=OMITTED)
     frames: Mapping[str, tuple[int | str, Pose]] = field(default_factory=dict, metadata=OMITTED)
     couplings: Sequence[Coupling] = field(default=(), metadata=OMITTED)
+    loops: Mapping[str, Closure] = field(default_factory=dict, metadata=OMITTED)
 
     def __post_init__(self) -> None:
         label, put = self._check_frames(), object.__setattr__
@@ -85,6 +89,10 @@ class Arm(Frozen):
         pairs = zip(self.joints, self.links, strict=True)
         put(self, "links", tuple(one for joint, link in pairs for one in _links(joint, link)))
         put(self, "joints", tuple(part for joint in self.joints for part in joint.parts))
+        put(self, "loops", checked_loops(self.loops, label))
+        for name, loop in self.loops.items():
+            for end in (loop.a, loop.b):
+                _ = end is None or self.frame(end, f"{label}: loop '{name}'")
         put(self, "couplings", checked_couplings(self.couplings, label))
         known = [joint.name for joint in self.joints]
         for name in (name for coupling in self.couplings for name in coupling.terms):
@@ -163,7 +171,7 @@ class Arm(Frozen):
     @property
     def is_serial(self) -> bool:
         """Whether its joints are in series, independent, and have one degree of freedom each."""
-        return not (self.parents or self.couplings or any(joint.type.quaternion for joint in self.joints))
+        return not (self.parents or self.couplings or self.loops or any(joint.type.quaternion for joint in self.joints))
 
     @property
     def parent_of(self) -> tuple[int | None, ...]:
@@ -249,7 +257,8 @@ def serial_arm(value: Any, what: str) -> None:
     """
     checks.instance(value, Arm, what)
     if not value.is_serial:
-        has = "branches" if value.parents else "coupled joints" if value.couplings else "a spherical joint"
+        coupled = "couplings or loops" if value.couplings or value.loops else "a spherical joint"
+        has = "branches" if value.parents else coupled
         raise MethodNotApplicable(
             f"{what}: expected a serial arm, got one with {has}; try it in a ClosedChain, for forward_dynamics"
         )
@@ -309,6 +318,7 @@ class Anchor(Arm):
     parents: Sequence[int | str | None] = field(default=(), init=False, metadata=OMITTED)
     frames: Mapping[str, tuple[int | str, Pose]] = field(default_factory=dict, init=False, metadata=OMITTED)
     couplings: Sequence[Coupling] = field(default=(), init=False, metadata=OMITTED)
+    loops: Mapping[str, Closure] = field(default_factory=dict, init=False, metadata=OMITTED)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", ())

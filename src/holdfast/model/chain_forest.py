@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.model.closure import Closure
 from holdfast.model.coupling import Coupling
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody, JointCoupling
+from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.trunk import NAME as TRUNK
@@ -109,8 +111,21 @@ def chain_forest(chain: ClosedChain) -> ChainForest:
             a, tip = (own[-1], arm.tip) if own else (stands[name], arm.base @ arm.tip)
         closed[key] = len(closures)
         closures.append(Closure(a, objects[chain.held_by(grasp, key)], grasp, tip, f"grasp {key!r}"))
-    for name, loop in chain.loops.items():
-        (a, at_a), (b, at_b) = (end(getattr(loop, side), f"loop '{name}': {side}") for side in ("a", "b"))
+
+    def within(arm: str, given: Any, what: str) -> tuple[int | None, Pose]:
+        """Return the body of an end of an arm's own loop, likewise."""
+        if given is None:
+            return stands[arm], chain.arms[arm].base
+        link, at = chain.arms[arm].frame(given, what)
+        return arms[arm][link], at
+
+    every = [
+        (f"{arm}/{name}", loop, partial(within, arm))
+        for arm, of in chain.arms.items()
+        for name, loop in of.loops.items()
+    ]
+    for name, loop, found in [*every, *((name, loop, end) for name, loop in chain.loops.items())]:
+        (a, at_a), (b, at_b) = (found(getattr(loop, side), f"loop '{name}': {side}") for side in ("a", "b"))
         if b is None or a == b:
             raise ModelError(
                 f"loop '{name}': expected two bodies, or None for the world as a, got {loop.a!r}, {loop.b!r}"

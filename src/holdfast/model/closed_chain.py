@@ -14,10 +14,11 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.chain_forest import ChainForest, chain_forest
+from holdfast.model.closure import Closure, checked_loops
 from holdfast.model.coupling import Coupling, checked_couplings
 from holdfast.model.fingerprint import ADDED, OMITTED
 from holdfast.model.force_element import HELD_OBJECT, ForceElement
-from holdfast.model.forest import Closure, Forest
+from holdfast.model.forest import Forest
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
@@ -49,7 +50,7 @@ class ClosedChain(Frozen):
             body. The base of such an arm is a pose relative to that link. The bases of other arms are in the world.
         springs: springs, or other force elements, between points of the world, links and the object.
         objects: objects by name, which grasps hold by their field `of`.
-        loops: by name, closures between links, objects and the world other than grasps.
+        loops: by name, closures between links, objects and the world other than grasps, beside those of the arms.
         couplings: linear relations between joints, beside those of the arms: mimic joints, gears, locked joints.
     """
 
@@ -98,11 +99,11 @@ class ClosedChain(Frozen):
 
     def _check_forest(self) -> None:
         """Check objects, loops and couplings, and that a chain with such parts is a forest."""
-        for name, kind in (("objects", HeldObject), ("loops", Closure)):
-            given = getattr(self, name)
-            if not isinstance(given, Mapping) or not all(isinstance(one, kind) for one in given.values()):
-                raise ModelError(f"chain: {name}: expected a {kind.__name__} by name, got {checks.short(given)}")
-            object.__setattr__(self, name, FrozenDict(given))
+        given = self.objects
+        if not isinstance(given, Mapping) or not all(isinstance(one, HeldObject) for one in given.values()):
+            raise ModelError(f"chain: objects: expected a HeldObject by name, got {checks.short(given)}")
+        object.__setattr__(self, "objects", FrozenDict(given))
+        object.__setattr__(self, "loops", checked_loops(self.loops, "chain"))
         object.__setattr__(self, "couplings", checked_couplings(self.couplings, "chain"))
         if self.held_object is not None and HELD_OBJECT in self.objects:
             raise ModelError(f"object '{HELD_OBJECT}': expected another name, as it is that of held_object")
@@ -125,7 +126,10 @@ class ClosedChain(Frozen):
             if joint.type.quaternion or not joint.actuated:
                 found.append(f"the {joint.kind if joint.actuated else 'passive'} joint '{name}'")
         found += [f"a grasp by {key!r}" for key in self.grasps if not isinstance(key, str)]
-        found += [f"a loop '{name}'" for name in self.loops]
+        found += [
+            f"a loop '{name}'"
+            for name in (*(f"{x}/{y}" for x, arm in self.arms.items() for y in arm.loops), *self.loops)
+        ]
         found += ["coupled joints"] if self.all_couplings else []
         named = [key for key, grasp in self.grasps.items() if grasp.of not in (None, HELD_OBJECT)]
         if self.objects or named:
@@ -160,7 +164,7 @@ class ClosedChain(Frozen):
             ModelError: there is no such object, or the grasp does not say which.
         """
         known = self.free_objects
-        name = next(iter(known)) if grasp.of is None and len(known) == 1 else grasp.of
+        name = next(iter(known)) if grasp.of is None and (len(known) == 1 or HELD_OBJECT in known) else grasp.of
         if name not in known:
             hint = checks.did_you_mean(str(name), known) if name else f" Known: {', '.join(known)}."
             raise ModelError(f"grasp {key!r}: of: expected the name of an object, got {name!r}.{hint}")

@@ -14,7 +14,7 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.grasp import Grasp
+from holdfast.model.closure import Closure
 from holdfast.model.joint_kinds import JOINT_KINDS, JointKind
 from holdfast.model.link import Link
 from holdfast.names import called
@@ -119,38 +119,6 @@ class ForestBody(Frozen):
             checks.rotational_inertia(
                 self.link.inertia, "body: inertia of a free body", definite=True, physical=self.link.physical
             )
-
-
-@called
-@dataclass(frozen=True, eq=False)
-class Closure(Frozen):
-    """A constraint between two bodies, or a body and the world: any grasp kind.
-
-    Body b is what a grasp holds, and body a what holds it: the wrench f is that of a on b, about the contact point.
-
-    Attributes:
-        a: the first body; None for the world. In the `loops` of a `ClosedChain`: a link or frame of an arm as
-            "arm/link", a body of the trunk as "trunk/link", or an object by its name; in a `Forest`: its index.
-        b: the second body, in whose frame the contact frame of the grasp is given, likewise.
-        grasp: the kind of constraint, with the contact frame in the axes of b.
-        tip: pose of the frame on a that attaches to it, in the axes of a.
-        name: name in messages.
-    """
-
-    a: int | str | None
-    b: int | str
-    grasp: Grasp
-    tip: PoseField = field(default_factory=making(Pose.identity))
-    name: str = ""
-
-    def __post_init__(self) -> None:
-        checks.name(self.name, "closure: name")
-        checks.instance(self.a, (int, np.integer, str, type(None)), "closure: a")
-        checks.instance(self.b, (int, np.integer, str), "closure: b")
-        checks.instance(self.grasp, Grasp, "closure: grasp")
-        object.__setattr__(self, "tip", checks.pose(self.tip, "closure: tip"))
-        if self.grasp.of_kind.bushing is not None:
-            raise ModelError("closure: grasp: a bushing is no constraint; try its wrench as an external one")
 
 
 @called

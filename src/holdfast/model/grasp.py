@@ -109,7 +109,7 @@ class Grasp(Frozen):
             N/m].
         damping: C of a bushing, likewise. The dissipated power is V . C V with the rates V = [turn; slide] of the
             object relative to the tip at the contact's origin, tip axes [N m s, N s, N s/m]; None for no damping.
-        of: name of the object that is held, for a chain with several; None for its only one.
+        of: name of the object that is held; None for `held_object`, or for the only one.
     """
 
     kind: GraspName

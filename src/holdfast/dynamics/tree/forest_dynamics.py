@@ -202,7 +202,8 @@ def _require_closed(motion: ForestMotion, q: Array, qd: Array) -> None:
         if coupling.offset is not None:
             x = abs(sum(c * q[forest.positions[k].start] for k, _, c in coupling.terms) - coupling.offset)
         if not (x <= POSITION_TOLERANCE and v <= limit):
-            gaps.append(f"{coupling.name or f'coupling {i}'}: position gap {x:.3g}, velocity gap {v:.3g} (m, rad, s)")
+            off = "" if coupling.offset is None else f", position gap {x:.3g}"
+            gaps.append(f"{coupling.name or f'coupling {i}'}: rate {v:.3g}{off}")
     if gaps:
         raise StateError(
             f"the state does not satisfy the forest: {'; '.join(gaps)}. Expected <= {POSITION_TOLERANCE:g} and <="
