@@ -151,7 +151,8 @@ class ClosedChain(Frozen):
     @frozen_property
     def free_objects(self) -> Mapping[str, HeldObject]:
         """All objects by name, the held one first, as "object"."""
-        return ({} if self.held_object is None else {HELD_OBJECT: self.held_object}) | self.objects
+        held = {} if self.held_object is None else {HELD_OBJECT: self.held_object}
+        return {**held, **self.objects}
 
     def held_by(self, grasp: Grasp, key: Any) -> str:
         """Return the name of the object that a grasp holds.
@@ -165,7 +166,7 @@ class ClosedChain(Frozen):
         """
         known = self.free_objects
         name = next(iter(known)) if grasp.of is None and (len(known) == 1 or HELD_OBJECT in known) else grasp.of
-        if name not in known:
+        if name is None or name not in known:
             hint = checks.did_you_mean(str(name), known) if name else f" Known: {', '.join(known)}."
             raise ModelError(f"grasp {key!r}: of: expected the name of an object, got {name!r}.{hint}")
         return name

@@ -33,8 +33,8 @@ class Closure(Frozen):
         name: name in messages.
     """
 
-    a: int | str | None
-    b: int | str
+    a: Any
+    b: Any
     grasp: Grasp
     tip: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""

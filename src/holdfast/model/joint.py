@@ -19,7 +19,6 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import outer, skew
 
 PER_FREEDOM = ("rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
-JointName = Literal["revolute", "prismatic", "screw", "cylindrical", "planar", "spherical"]
 UNBOUNDED: Any = (-np.inf, np.inf)  # Any, because type checkers do not accept a tuple as a `Converted`
 
 
@@ -54,7 +53,7 @@ class Joint(Frozen):
         actuated: False for a passive joint, whose torque is zero but for its spring and dampers.
     """
 
-    kind: JointName = "revolute"
+    kind: Literal["revolute", "prismatic", "screw", "cylindrical", "planar", "spherical"] = "revolute"
     axis: ArrayField = field(default_factory=making(np.array, [0.0, 0.0, 1.0]))
     placement: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""

@@ -89,6 +89,7 @@ def _wrenches(chain: ClosedChain, given: Inputs) -> Array:
         wrenches[: len(found.trunk)] = given.trunk_link_wrenches
     if given.link_wrenches is not None:
         wrenches[len(found.trunk) : len(wrenches) - len(found.objects)] = given.link_wrenches
+    assert given.object_wrench is not None
     wrenches[len(wrenches) - len(found.objects) :] = np.reshape(given.object_wrench, (-1, 6))
     return wrenches
 

@@ -16,7 +16,7 @@ from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots.urdf.bodies import FoldedChain, moving_branches
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint, path_between, resting_position
-from holdfast.robots.urdf.robot import MOVABLE, WORLD_LINK, Coupling, UrdfJoint, UrdfRobot
+from holdfast.robots.urdf.robot import MOVABLE, WORLD_LINK, UrdfCoupling, UrdfJoint, UrdfRobot
 
 MOST_REASONS = 8  # reasons in one message
 MOST_HELD = 40  # joints in the advice of one message
@@ -207,7 +207,7 @@ def coupling_notes(
     return notes
 
 
-def _is_mimicked(robot: UrdfRobot, coupling: Coupling) -> bool:
+def _is_mimicked(robot: UrdfRobot, coupling: UrdfCoupling) -> bool:
     """Return whether one joint moves all joints between two links, which a loop between them only says again."""
     if len(coupling.links) != 2 or coupling.joints or WORLD_LINK in coupling.links:
         return False
