@@ -137,11 +137,11 @@ def at_rest(chain: hf.ClosedChain, q: np.ndarray) -> hf.State:
 
 def carrying(path: Path, hands: tuple[str, str], seed: int = 0) -> tuple[hf.ClosedChain, hf.State]:
     """Return a robot whose two hands hold a tray rigidly, its grippers free, moving in a random way."""
-    tips = dict(zip(("left", "right"), hands, strict=True))
-    given = {"branches": True, "lock_others": True, "physical": False}
+    tips: dict[str, str] = dict(zip(("left", "right"), hands, strict=True))
+    given: dict[str, Any] = {"branches": True, "lock_others": True, "physical": False}
     try:
         found = hf.load_urdf_trunk(path, tips, **given)
-        parts = {"arms": found.arms, "trunk": found.trunk, "mounts": found.mounts}
+        parts: dict[str, Any] = {"arms": found.arms, "trunk": found.trunk, "mounts": found.mounts}
     except hf.errors.SceneError:  # no joint moves both arms
         root = read_urdf(path).root
         parts = {"arms": hf.load_urdf_arms(path, {name: (root, tip) for name, tip in tips.items()}, **given)}

@@ -92,6 +92,8 @@ def examples() -> dict[str, Any]:
         run.setting,
         hf.Spring(("world", [0, 0, 1]), ("object", [0, 0, 0]), 5.0),
         hf.Anchor(hf.Pose.translation(0, 0, 1)),
+        hf.Closure("left/link3", "right/link3", hf.Grasp("ball")),
+        hf.Coupling({"left/joint1": 1.0, "right/joint1": -1.0}),
         hf.Trunk([hf.Joint()], [arm.links[0]], floating=arm.links[0]),
         Primitive("box", hf.Pose.identity(), (1.0, 1.0, 1.0)),
         *(hf.sweeps.Uniform(np.zeros(3), [1.0, 2.0, 3.0]), hf.sweeps.Normal(np.zeros(3), [1.0, 2.0, 3.0])),

@@ -56,7 +56,9 @@ class State(Frozen):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "q", checks.vector(self.q, "state: q", StateError))
-        put(self, "qd", checks.numbers(self.qd, self._shape_of_qd(), "state: qd", StateError))
+        qd, n = checks.numbers(self.qd, None, "state: qd", StateError), len(self.q)
+        spherical = qd.ndim == 1 and n - n // 4 <= len(qd) < n  # joints have one rate less than positions
+        put(self, "qd", qd if spherical else checks.numbers(qd, (n,), "state: qd", StateError))
         if self.object_pose is None or _are_several(self.object_pose):
             self._set_objects()
         else:
@@ -68,11 +70,6 @@ class State(Frozen):
             put(self, "base_twist", checks.numbers(twist, (6,), "state: base_twist", StateError))
         elif self.base_twist is not None:
             raise StateError("state: base_twist: expected the pose of the floating base with it, got no base_pose")
-
-    def _shape_of_qd(self) -> tuple[int]:
-        """Return the expected shape of qd: that of q, less one for every unit quaternion that fits into it."""
-        given, n = np.shape(self.qd), len(self.q)
-        return given if len(given) == 1 and n - n // 4 <= given[0] < n else (n,)  # type: ignore[return-value]
 
     def _set_objects(self) -> None:
         """Check the poses and twists of several objects, or of none."""
@@ -201,7 +198,8 @@ def _are_several(poses: Any) -> bool:
     """Return whether what is given is a list of poses, or an array of them."""
     if isinstance(poses, np.ndarray):
         return poses.ndim == 2
-    return isinstance(poses, list | tuple) and all(isinstance(one, Pose) or np.shape(one) == (7,) for one in poses)
+    listed = isinstance(poses, list | tuple)
+    return listed and all(isinstance(one, Pose | list | tuple) or getattr(one, "ndim", 0) == 1 for one in poses)
 
 
 def _pose(given: Any, what: str) -> Array:

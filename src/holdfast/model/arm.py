@@ -321,8 +321,10 @@ class Anchor(Arm):
     loops: Mapping[str, Closure] = field(default_factory=dict, init=False, metadata=OMITTED)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", ())
-        object.__setattr__(self, "links", ())
+        for name in ("joints", "links", "parents", "couplings"):
+            object.__setattr__(self, name, ())
+        for name in ("frames", "loops"):
+            object.__setattr__(self, name, FrozenDict())
         self._check_frames()
 
     def of(self, joints: Sequence[Joint] | None = None, links: Sequence[Link] | None = None) -> Anchor:

@@ -70,5 +70,5 @@ JOINT_TYPES: dict[str, JointType] = {
     "screw": JointType(threaded=True),
     "cylindrical": JointType(parts=(("revolute", np.array), ("prismatic", np.array))),
     "planar": JointType(parts=(("prismatic", first_across), ("prismatic", second_across), ("revolute", np.array))),
-    "spherical": JointType(quaternion=True),
+    "spherical": JointType(mjcf="ball", quaternion=True),
 }
