@@ -14,17 +14,18 @@ from __future__ import annotations
 import argparse
 import os
 import warnings
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio
 
 import holdfast as hf
 from holdfast.dynamics.tree.forest_rows import forest_rows
 from holdfast.dynamics.tree.mechanism_motion import mechanism_motion
 from holdfast.robots.urdf import read_urdf
 
+pinocchio: Any = import_module("pinocchio")
 FOLDER = Path(os.environ.get("HOLDFAST_ROBOTS", "results/robots"))
 BAR = 1e-10
 NO_JOINT = "expected a joint that moves"

@@ -70,7 +70,7 @@ def grip(angle: float) -> tuple[float, float]:
     tau = np.zeros(chain.joint_count)
     tau[chain.joint_names().index("grip/left_crank")] = -DRIVE
     found = hf.forward_dynamics(chain, state, tau)
-    force = state.object_frame.R.T @ found["grip", "left_pad"][3:]
+    force = state.object_frame.R.T @ found.grasp_wrench[0, 3:]  # of the first grasp, the left pad
     return -float(force[1]), float(np.abs(found.qdd).max())
 
 

@@ -15,7 +15,8 @@ from tests.systems.branched import Branched, two_arms_with_grippers
 ANSWERED = {"ClosedChain", "forward_dynamics", "dynamics.link_poses"}
 # results, which functions of this register make
 RESULTS = {
-    "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "identification.Identification",
+    "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
+    "identification.Identification",
     "planning.JointPath", "simulation.Rollout", "simulation.RolloutSystems",
 }  # fmt: skip
 EXPECTED = "expected (serial arms that hold one object|a serial arm), got"

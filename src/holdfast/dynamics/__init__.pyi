@@ -25,3 +25,4 @@ from .regressor import inertial_parameters as inertial_parameters
 from .result import ForwardResult as ForwardResult
 from .result import Status as Status
 from .tree.forest_dynamics import forest_dynamics as forest_dynamics
+from .tree.mechanism import MechanismResult as MechanismResult

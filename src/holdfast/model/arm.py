@@ -18,9 +18,12 @@ from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Visuals
 from holdfast.names import called
-from holdfast.spatial.frozen import Frozen, FrozenDict, changed, frozen_property, making
+from holdfast.spatial.frozen import Converted, Frozen, FrozenDict, changed, frozen_property, making
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
+
+LinkFrames = Mapping[str, tuple[int, Pose]]  # link and pose on it, by name
+SERIAL: Any = ()  # Any, because type checkers do not accept a tuple as a `Converted`
 
 
 @called
@@ -55,8 +58,10 @@ class Arm(Frozen):
     name: str = ""
     visuals: Visuals | None = field(default=None, metadata=PICTURE)
     notes: Sequence[str] = field(default=(), metadata=PICTURE)
-    parents: Sequence[int | str | None] = field(default=(), metadata=OMITTED)
-    frames: Mapping[str, tuple[int | str, Pose]] = field(default_factory=dict, metadata=OMITTED)
+    parents: Converted[tuple[int | None, ...], Sequence[int | str | None]] = field(default=SERIAL, metadata=OMITTED)
+    frames: Converted[LinkFrames, Mapping[str, tuple[int | str, Pose]]] = field(
+        default_factory=making(dict), metadata=OMITTED
+    )
     couplings: Sequence[Coupling] = field(default=(), metadata=OMITTED)
     loops: Mapping[str, Closure] = field(default_factory=dict, metadata=OMITTED)
 
@@ -160,7 +165,7 @@ class Arm(Frozen):
             ModelError: there is no such frame; the message suggests one.
         """
         if isinstance(name, str) and name in self.frames:
-            return self.frames[name]  # pyright: ignore[reportReturnType]
+            return self.frames[name]
         if isinstance(name, str) and name not in [link.name for link in self.links]:
             known = [*self.frames, *filter(None, (link.name for link in self.links))]
             raise ModelError(
@@ -177,7 +182,7 @@ class Arm(Frozen):
     def parent_of(self) -> tuple[int | None, ...]:
         """Per joint with one part, the index of the link on which it stands; None for the base."""
         serial: tuple[int | None, ...] = (None, *range(len(self.joints)))[:-1]
-        return tuple(self.parents) if self.parents else serial  # pyright: ignore[reportReturnType]
+        return self.parents or serial
 
     def _check_frames(self) -> str:
         """Check name, tip and base, and return the label of the arm in messages."""
@@ -315,8 +320,12 @@ class Anchor(Arm):
     tip: PoseField = field(default_factory=making(Pose.identity), kw_only=True)
     base: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
-    parents: Sequence[int | str | None] = field(default=(), init=False, metadata=OMITTED)
-    frames: Mapping[str, tuple[int | str, Pose]] = field(default_factory=dict, init=False, metadata=OMITTED)
+    parents: Converted[tuple[int | None, ...], Sequence[int | str | None]] = field(
+        default=SERIAL, init=False, metadata=OMITTED
+    )
+    frames: Converted[LinkFrames, Mapping[str, tuple[int | str, Pose]]] = field(
+        default_factory=making(dict), init=False, metadata=OMITTED
+    )
     couplings: Sequence[Coupling] = field(default=(), init=False, metadata=OMITTED)
     loops: Mapping[str, Closure] = field(default_factory=dict, init=False, metadata=OMITTED)
 
