@@ -146,6 +146,7 @@ def forest_result(motion: ForestMotion, q: Array, qd: Array, method: str, *, che
     wrench, multipliers = found.wrenches, found.multipliers
     if not unique:
         wrench, multipliers = least_forces(motion, forest_rows(motion), wrench, multipliers, rank)
+        checks.finite(np.concatenate([*wrench, multipliers]), "the smallest forces")
     return ForestResult(
         forest,
         np.concatenate(qdd),
