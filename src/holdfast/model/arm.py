@@ -23,7 +23,7 @@ from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
 LinkFrames = Mapping[str, tuple[int, Pose]]  # link and pose on it, by name
-SERIAL: Any = ()  # Any, because type checkers do not accept a tuple as a `Converted`
+IN_SERIES: Any = ()  # Any, because type checkers do not accept a tuple as a `Converted`
 
 
 @called
@@ -58,7 +58,7 @@ class Arm(Frozen):
     name: str = ""
     visuals: Visuals | None = field(default=None, metadata=PICTURE)
     notes: Sequence[str] = field(default=(), metadata=PICTURE)
-    parents: Converted[tuple[int | None, ...], Sequence[int | str | None]] = field(default=SERIAL, metadata=OMITTED)
+    parents: Converted[tuple[int | None, ...], Sequence[int | str | None]] = field(default=IN_SERIES, metadata=OMITTED)
     frames: Converted[LinkFrames, Mapping[str, tuple[int | str, Pose]]] = field(
         default_factory=making(dict), metadata=OMITTED
     )
@@ -321,7 +321,7 @@ class Anchor(Arm):
     base: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
     parents: Converted[tuple[int | None, ...], Sequence[int | str | None]] = field(
-        default=SERIAL, init=False, metadata=OMITTED
+        default=IN_SERIES, init=False, metadata=OMITTED
     )
     frames: Converted[LinkFrames, Mapping[str, tuple[int | str, Pose]]] = field(
         default_factory=making(dict), init=False, metadata=OMITTED
