@@ -73,7 +73,7 @@ def test_the_whole_robot():
         (
             '<mimic joint="left_finger1"',
             '<mimic joint="neck"',
-            "expected to follow a joint of the same arm, got 'neck'",
+            "expected to follow a joint of the same arm that moves, got 'neck'",
         ),
         (
             'name="left_finger1" type="prismatic"',

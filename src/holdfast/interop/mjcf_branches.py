@@ -38,7 +38,8 @@ def arm_with_branches(robot: MjcfRobot, start: int, path: list[int], tip_frame: 
         name: name of the arm.
 
     Raises:
-        SceneError: there is no joint that moves, or what couples the arm's bodies cannot be read; the message names it.
+        SceneError: there is no joint that moves, or some of what couples the arm's bodies cannot be read; the message
+            names all of it.
     """
     model = robot.model
     groups, tip = tree_of(robot, start, path)
@@ -48,7 +49,14 @@ def arm_with_branches(robot: MjcfRobot, start: int, path: list[int], tip_frame: 
     inside = [{b for b, _ in group.bodies} for group in groups]
     names = {joint.name for joint in joints}
     moving = Moving(robot, inside, {j for j in range(model.njnt) if joint_name(model, j) in names}, start)
-    read = {e: _equality(moving, e) for e in range(model.neq) if binds(moving, e) and _is_active(moving, e)}
+    read, faults = dict[int, Closure | Coupling](), list[str]()
+    for e in (e for e in range(model.neq) if binds(moving, e) and _is_active(moving, e)):
+        try:
+            read[e] = _equality(moving, e)
+        except SceneError as fault:
+            faults.append(str(fault))
+    if faults:
+        raise SceneError("; ".join(faults))
     notes = (*robot.notes, *checked_couplings(moving, read))
     frames = {body_name(model, b): (k, at) for k, group in enumerate(groups) for b, at in group.bodies}
     places = {b: (k, at) for k, group in enumerate(groups) for b, at in group.bodies}

@@ -8,7 +8,7 @@ from dataclasses import replace
 from holdfast.model.coupling import Coupling
 from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, weld_branches
 from holdfast.robots.urdf.chain_checks import held_argument, refuse_unsupported
-from holdfast.robots.urdf.document import hint, quoted
+from holdfast.robots.urdf.document import hint, listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint
 from holdfast.robots.urdf.robot import UrdfJoint, UrdfRobot
 from holdfast.spatial.pose import Pose
@@ -70,18 +70,20 @@ def mimicry(robot: UrdfRobot, joints: Sequence[UrdfJoint]) -> list[Coupling]:
     """Return the couplings of joints that mimic others.
 
     Raises:
-        SceneError: one follows a joint that is not among them.
+        SceneError: some follow joints that are not among them; the message names all of these.
     """
-    found, names = [], {joint.name for joint in joints}
-    for joint in joints:
-        if (mimic := joint.mimic) is None:
-            continue
-        if mimic.joint not in names:
-            known = "" if mimic.joint in robot.joints else hint(mimic.joint, robot.joints)
-            raise joint.element.refuse(
-                f"mimic: expected to follow a joint of the same arm, got {quoted(mimic.joint)}.{known} Or try"
-                f" {held_argument([joint])}"
-            )
+    names = {joint.name for joint in joints}
+    following = [(joint, joint.mimic) for joint in joints if joint.mimic is not None]
+    if lost := [(joint, mimic) for joint, mimic in following if mimic.joint not in names]:
+        (first, mimic), *_ = lost
+        known = "" if mimic.joint in robot.joints else hint(mimic.joint, robot.joints)
+        others = f"; {listed(joint.name for joint, _ in lost[1:])} likewise" if lost[1:] else ""
+        raise first.element.refuse(
+            f"mimic: expected to follow a joint of the same arm that moves, got {quoted(mimic.joint)}.{known}{others};"
+            f" try {held_argument([joint for joint, _ in lost])}"
+        )
+    found = []
+    for joint, mimic in following:
         terms = {joint.name: 1.0} | ({mimic.joint: -mimic.multiplier} if mimic.multiplier else {})
         found.append(Coupling(terms, mimic.offset))
     return found
