@@ -47,17 +47,25 @@ def mechanism_motion(chain: ClosedChain, state: State, tau: ArrayLike, inputs: I
     given, found = shaped_inputs(chain, inputs), chain.as_forest
     _require_passive(chain, torque)
     torque = torque - _resistance(chain, state)
-    first = [] if state.base_pose is None else [(state.base_pose, state.base_twist)]
-    objects = list(zip(np.reshape(state.object_pose, (-1, 7)), np.reshape(state.object_twist, (-1, 6)), strict=True))
-    none = np.zeros(6)
-    q, qd = ([*(one[i] for one in first), (state.q, state.qd)[i], *(one[i] for one in objects)] for i in range(2))
-    torques = [*(none for _ in first), torque, *(none for _ in objects)]
-    positions = forest_positions(found.forest, np.concatenate(q))
-    rates = np.concatenate(qd)
-    motion = forest_motion(
-        found.forest, positions, rates, np.concatenate(torques), _wrenches(chain, given), *_moving_bases(chain, given)
-    )
-    return MechanismMotion(motion, positions, rates)
+    of_forest = found.forest
+    q, qd = flat_state(chain, state)
+    first, last = (6 if chain.floats else 0), of_forest.velocity_count - 6 * len(found.objects)
+    drives = np.zeros(of_forest.velocity_count)
+    drives[first:last] = torque
+    motion = forest_motion(of_forest, q, qd, drives, _wrenches(chain, given), *_moving_bases(chain, given))
+    return MechanismMotion(motion, q, qd)
+
+
+def flat_state(chain: ClosedChain, state: State) -> tuple[Array, Array]:
+    """Return positions (n_q,) and rates (n_v,) in the order of the bodies of a chain's forest.
+
+    Raises:
+        StateError: a quaternion of a spherical joint is not of unit length.
+    """
+    base_pose, base_twist = (np.zeros(0) if x is None else x for x in (state.base_pose, state.base_twist))
+    q = np.concatenate([base_pose, state.q, np.ravel(state.object_pose)])
+    qd = np.concatenate([base_twist, state.qd, np.ravel(state.object_twist)])
+    return forest_positions(chain.as_forest.forest, q), qd
 
 
 def _require_passive(chain: ClosedChain, tau: Array) -> None:
