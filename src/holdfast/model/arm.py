@@ -166,12 +166,11 @@ class Arm(Frozen):
         """
         if isinstance(name, str) and name in self.frames:
             return self.frames[name]
+        within = f" in arm '{self.name}'" if self.name else ""
         if isinstance(name, str) and name not in [link.name for link in self.links]:
             known = [*self.frames, *filter(None, (link.name for link in self.links))]
-            raise ModelError(
-                f"{what}: arm '{self.name}' has no link or frame '{name}'.{checks.did_you_mean(name, known)}"
-            )
-        return self._link(name, f"{what}: arm '{self.name}'"), Pose.identity()
+            raise ModelError(f"{what}: no link or frame '{name}'{within}.{checks.did_you_mean(name, known)}")
+        return self._link(name, f"{what}{within}"), Pose.identity()
 
     @property
     def is_serial(self) -> bool:
