@@ -12,7 +12,7 @@ import holdfast as hf
 from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
-ANSWERED = {"ClosedChain", "forward_dynamics", "dynamics.link_poses"}
+ANSWERED = {"ClosedChain", "close", "forward_dynamics", "dynamics.link_poses"}
 # results, which functions of this register make
 RESULTS = {
     "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
@@ -49,7 +49,8 @@ def calls() -> dict[str, dict[str, Any]]:
 def arguments(of: Any, given: dict[str, Any], p: Branched) -> dict[str, Any]:
     """Return what else a call needs: sound where the chain decides its shape, else something that is never read."""
     q = p.state.q[:8] if "arm" in given else p.state.q
-    known = {"state": p.state, "tau": p.tau, "q": q, "held_object": p.chain.held_object, "gain": 1.0, "payload": True}
+    known: dict[str, Any] = {"guess": p.state}
+    known |= {"state": p.state, "tau": p.tau, "q": q, "held_object": p.chain.held_object, "gain": 1.0, "payload": True}
     known |= {
         "grasps": {("arm2", "link6"): hf.Grasp("rigid")},
         "sample_time": 1e-3,

@@ -23,6 +23,7 @@ from holdfast.dynamics.tree.mechanism import mechanism_dynamics
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import require_unused
 from holdfast.questions.arrays import (
     ARGUMENTS,
     ARRAYS,
@@ -87,7 +88,7 @@ def forward_dynamics(
         MethodNotApplicable: if the chosen algorithm does not cover this chain.
     """
     if isinstance(chain, ClosedChain) and chain.beyond_serial:
-        _require_unused(route=route != "auto", generic_rank=generic_rank is not None, held=held is not None)
+        require_unused(route=route != "auto", generic_rank=generic_rank is not None, held=held is not None)
         return mechanism_dynamics(chain, state, tau, inputs, method, check=check)  # pyright: ignore[reportReturnType]
     require_fit(chain, state)
     tau = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
@@ -126,13 +127,6 @@ def forward_dynamics(
     if status is Status.INDETERMINATE_FORCES and held is None:  # given rows to hold determine the forces
         found = with_smallest_forces(motion, replace(found, rank=regular.rank))
     return _assemble(motion, found, regular, status, chosen.name)
-
-
-def _require_unused(**given: bool) -> None:
-    """Refuse arguments that the elimination of a forest does not use."""
-    for name, used in given.items():
-        if used:
-            raise MethodNotApplicable(f"{name}: expected none for a chain that is answered as a forest")
 
 
 def _require_finite(found: Solution) -> None:

@@ -8,7 +8,7 @@ from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 
-ANSWERED = "forward_dynamics"  # what such chains can be asked
+ANSWERED = "forward_dynamics and close"  # what such chains can be asked
 
 
 def serial_chain(value: Any, what: str) -> None:
@@ -25,3 +25,14 @@ def serial_chain(value: Any, what: str) -> None:
             f"{what}: expected serial arms that hold one object, got a chain with {value.beyond_serial[0]}{more}; such"
             f" a chain answers {ANSWERED} today"
         )
+
+
+def require_unused(**given: bool) -> None:
+    """Refuse arguments that the answer of a forest does not use.
+
+    Raises:
+        MethodNotApplicable: one is given; the message names it.
+    """
+    for name, used in given.items():
+        if used:
+            raise MethodNotApplicable(f"{name}: expected its default for a chain that is answered as a forest")

@@ -189,6 +189,22 @@ def test_springs_and_dampers_of_joints():
     assert gap(found.qdd, wanted.qdd) < 1e-12
 
 
+def test_closing():
+    """An open state is closed nearby, with rates that keep grasps and couplings; limits and unused arguments refuse."""
+    p, random = two_arms_with_grippers(), np.random.default_rng(1)
+    opened = replace(p.state, q=p.state.q + 1e-2 * random.normal(size=16), qd=random.normal(size=16))
+    state = hf.close(p.chain, opened)
+    assert np.abs(state.q - p.state.q).max() < 0.05
+    assert hf.forward_dynamics(p.chain, state, p.tau).mobility == 22 - 13  # checks the state to 1e-6
+    assert abs(state.q[6] - state.q[7]) < 1e-9 and abs(state.qd[6] - state.qd[7]) < 1e-9
+    with pytest.raises(MethodNotApplicable, match="hold_object"):
+        hf.close(p.chain, opened, hold_object=True)
+    arm = p.chain.arms["arm1"]
+    short = arm.of([replace(joint, position_limits=(5.0, 6.0)) for joint in arm.joints])
+    with pytest.raises(hf.errors.ClosureError, match="'arm1/joint1': closed only at"):
+        hf.close(replace(p.chain, arms={**p.chain.arms, "arm1": short}), opened)
+
+
 def test_states_are_checked():
     """Open grasps and couplings, torques of passive joints, wrong shapes and methods are refused with what to try."""
     chain, state, tau = two_arms_with_grippers()

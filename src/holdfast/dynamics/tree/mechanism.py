@@ -9,15 +9,16 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.result import Status
+from holdfast.dynamics.tree.forest_closing import forest_close
 from holdfast.dynamics.tree.forest_dynamics import FOREST_METHODS, ForestResult, solved_motion
-from holdfast.dynamics.tree.mechanism_motion import mechanism_motion
-from holdfast.errors import MethodNotApplicable
+from holdfast.dynamics.tree.mechanism_motion import chain_state, flat_state, mechanism_motion
+from holdfast.errors import ClosureError, MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_state
 
 
 @called
@@ -85,6 +86,31 @@ class MechanismResult(Frozen):
         if name not in parts:
             raise KeyError(f"no {name!r}.{checks.did_you_mean(str(name), map(str, parts))}")
         return parts[name]
+
+
+def mechanism_close(chain: ClosedChain, guess: State, *, limits: bool) -> State:
+    """Return the state near a guess that satisfies the chain's grasps, loops and couplings; see `forest_close`.
+
+    Args:
+        chain: the chain.
+        guess: positions and velocities to start from.
+        limits: whether joints must be within their position limits.
+
+    Raises:
+        ClosureError: it cannot be closed from there, or only beyond the limits of a joint.
+    """
+    require_state(chain, guess)
+    found = forest_close(chain.as_forest.forest, *flat_state(chain, guess))
+    state, at = chain_state(chain, found.q, found.qd), 0
+    for name, joint in zip(chain.joint_names(), chain.all_joints, strict=True):
+        (low, high), x = joint.position_limits, state.q[at]
+        if limits and not joint.type.quaternion and not low <= x <= high:
+            raise ClosureError(
+                f"joint '{name}': closed only at {x:.6g}, expected {low:g} to {high:g}; try another guess, or"
+                " limits=False"
+            )
+        at += joint.type.position_count
+    return state
 
 
 def mechanism_dynamics(

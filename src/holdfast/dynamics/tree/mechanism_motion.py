@@ -68,6 +68,21 @@ def flat_state(chain: ClosedChain, state: State) -> tuple[Array, Array]:
     return forest_positions(chain.as_forest.forest, q), qd
 
 
+def chain_state(chain: ClosedChain, q: Array, qd: Array) -> State:
+    """Return the state of a chain from positions and rates of its forest; see `flat_state`."""
+    count, floats = len(chain.free_objects), chain.floats
+    at_q, at_v = len(q) - 7 * count, len(qd) - 6 * count
+    poses, twists = q[at_q:].reshape(-1, 7), qd[at_v:].reshape(-1, 6)
+    of_base = {"base_pose": q[:7], "base_twist": qd[:6]} if floats else {}
+    return State(
+        q[7 * floats : at_q],
+        qd[6 * floats : at_v],
+        poses[0] if count == 1 else poses,
+        twists[0] if count == 1 else twists,
+        **of_base,
+    )
+
+
 def _require_passive(chain: ClosedChain, tau: Array) -> None:
     """Refuse torques of passive joints."""
     at = 0
