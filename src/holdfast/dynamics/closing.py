@@ -73,7 +73,9 @@ def close(
     """
     if isinstance(chain, ClosedChain) and chain.beyond_serial:
         held = {"hold_object": hold_object, "hold_trunk": not hold_trunk, "hold_base": hold_base}
-        require_unused(**held, posture=posture is not None, inputs=inputs is not None)
+        given = shaped_inputs(chain, inputs)
+        moves = np.any(given.base_twists) or (given.trunk_base_twist is not None and np.any(given.trunk_base_twist))
+        require_unused(**held, posture=posture is not None, inputs=bool(moves))
         return mechanism_close(chain, guess, limits=limits)
     require_fit(chain, guess)
     checks.instance(posture, (Posture, type(None)), "close: posture")
