@@ -58,7 +58,7 @@ class State(Frozen):
         put(self, "q", checks.vector(self.q, "state: q", StateError))
         qd, n = checks.numbers(self.qd, None, "state: qd", StateError), len(self.q)
         spherical = qd.ndim == 1 and n - n // 4 <= len(qd) < n  # joints have one rate less than positions
-        put(self, "qd", qd if spherical else checks.numbers(qd, (n,), "state: qd", StateError))
+        put(self, "qd", qd if qd.shape == (n,) or spherical else checks.numbers(qd, (n,), "state: qd", StateError))
         if self.object_pose is None or _are_several(self.object_pose):
             self._set_objects()
         else:
@@ -113,16 +113,21 @@ class State(Frozen):
             StateError: the number of joints or objects differs, or the pose of a floating base is missing or
                 superfluous.
         """
-        for what, given, parts in (("q", self.q, chain.positions), ("qd", self.qd, chain.joints)):
-            expected = sum(part.stop - part.start for part in parts.values())
-            if len(given) != expected:
-                counts = ", ".join(f"{name}: {part.stop - part.start}" for name, part in parts.items())
-                kind = "joint positions" if what == "q" else "joint rates"
-                raise StateError(f"state: {what}: expected {expected} {kind} ({counts}), got {len(given)}")
-        count = len(chain.free_objects)
-        if np.size(self.object_pose) != 7 * count or (self.object_pose.ndim > 1 and not chain.beyond_serial):
-            shape = "(7,)" if count == 1 else f"({count}, 7)"
-            raise StateError(f"state: object_pose: expected shape {shape}, got {self.object_pose.shape}")
+        if len(self.q) != chain.position_count or len(self.qd) != chain.joint_count:
+            what, given, parts = "rates", self.qd, chain.joints
+            if len(self.q) != chain.position_count:
+                what, given, parts = "positions", self.q, chain.positions
+            counts = {name: part.stop - part.start for name, part in parts.items()}
+            listed = ", ".join(f"{name}: {count}" for name, count in counts.items())
+            name = "q" if what == "positions" else "qd"
+            raise StateError(
+                f"state: {name}: expected {sum(counts.values())} joint {what} ({listed}), got {len(given)}"
+            )
+        if self.object_pose.shape != (7,) or len(chain.free_objects) != 1:
+            count, several = len(chain.free_objects), self.object_pose.ndim > 1
+            if self.object_pose.size != 7 * count or (several and not chain.beyond_serial):
+                shape = "(7,)" if count == 1 else f"({count}, 7)"
+                raise StateError(f"state: object_pose: expected shape {shape}, got {self.object_pose.shape}")
         if chain.floats and self.base_pose is None:
             raise StateError("state: base_pose: expected the pose of the trunk's floating base, got none")
         if self.base_pose is not None and not chain.floats:

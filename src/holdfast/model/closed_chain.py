@@ -296,6 +296,11 @@ class ClosedChain(Frozen):
         return sum(joint.type.freedoms for joint in self.all_joints)
 
     @frozen_property
+    def position_count(self) -> int:
+        """Length of q; the number of joints, with four for a spherical joint."""
+        return sum(joint.type.position_count for joint in self.all_joints)
+
+    @frozen_property
     def contact_freedom_count(self) -> int:
         """Sum of n_g over all grasps, the length of W."""
         return sum(len(grasp.free) for grasp in self.grasps.values())
