@@ -16,6 +16,7 @@ import holdfast as hf
 from holdfast.robots import panda
 from holdfast.robots.primitive import Primitive
 from tests.surface import PUBLIC
+from tests.systems.branched import two_arms_with_grippers
 
 WRITTEN_AGAIN = {"CompiledResult"}  # by `out=`
 COPIES = {
@@ -41,6 +42,12 @@ def problem() -> tuple[hf.ClosedChain, hf.State]:
     }
     made = hf.assemble(arms, hf.HeldObject.box(3.0, 0.3, 0.2, 0.2), grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.72])
     return made.chain, made.state
+
+
+def branched() -> hf.dynamics.MechanismResult:
+    """Return the result of a chain that is a forest."""
+    p = two_arms_with_grippers()
+    return hf.forward_dynamics(*p)
 
 
 @cache
@@ -92,6 +99,9 @@ def examples() -> dict[str, Any]:
         run.setting,
         hf.Spring(("world", [0, 0, 1]), ("object", [0, 0, 0]), 5.0),
         hf.Anchor(hf.Pose.translation(0, 0, 1)),
+        branched(),
+        hf.Closure("left/link3", "right/link3", hf.Grasp("ball")),
+        hf.Coupling({"left/joint1": 1.0, "right/joint1": -1.0}),
         hf.Trunk([hf.Joint()], [arm.links[0]], floating=arm.links[0]),
         Primitive("box", hf.Pose.identity(), (1.0, 1.0, 1.0)),
         *(hf.sweeps.Uniform(np.zeros(3), [1.0, 2.0, 3.0]), hf.sweeps.Normal(np.zeros(3), [1.0, 2.0, 3.0])),

@@ -78,7 +78,7 @@ WRONG = {
         lambda: hf.simulate(fixed().chain, fixed().state, None, duration=0.1, stepp=0.01),
         "simulate: no argument 'stepp'. Did you mean 'step'?",
     ),
-    "of a state": (lambda: hf.State(fixed().state.q), "State: expected qd, object_pose too"),
+    "of a state": (lambda: hf.State(fixed().state.q), "State: expected qd too"),
     "of a law": (lambda: hf.ControlLaw(lambda *x: x, parameter={}), "Did you mean 'parameters'?"),
     "of a law's call": (lambda: hf.ControlLaw(lambda *x: x)(0.0), "ControlLaw: expected state, memory too"),
     "of a law's renamed gain": (

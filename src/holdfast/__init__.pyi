@@ -37,6 +37,8 @@ from .io.result_reader import load_result as load_result
 from .model.arm import Anchor as Anchor
 from .model.arm import Arm as Arm
 from .model.closed_chain import ClosedChain as ClosedChain
+from .model.closure import Closure as Closure
+from .model.coupling import Coupling as Coupling
 from .model.grasp import Friction as Friction
 from .model.grasp import Grasp as Grasp
 from .model.grasp import WrenchLimits as WrenchLimits

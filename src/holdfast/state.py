@@ -14,6 +14,7 @@ from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import Forest
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.spatial.frozen import (
     NOT_GIVEN,
@@ -35,17 +36,19 @@ class State(Frozen):
     """Positions and velocities of the whole chain.
 
     Attributes:
-        q: (n,) joint positions, first those of a trunk, then those of the arms in order, base to tip [rad or m].
-        qd: (n,) joint rates [rad/s or m/s].
-        object_pose: (7,) pose wxyz_xyz of the object frame (origin C) in the world.
-        object_twist: (6,) [omega; v of C], world axes [rad/s, m/s].
+        q: (n,) joint positions, first those of a trunk, then those of the arms in order, base to tip [rad or m]. A
+            spherical joint has a unit quaternion wxyz.
+        qd: (n,) joint rates [rad/s or m/s]; three of a spherical joint.
+        object_pose: (7,) pose wxyz_xyz of the object frame (origin C) in the world; (k, 7) for a chain with k objects,
+            in order.
+        object_twist: (6,) [omega; v of C], world axes [rad/s, m/s]; (k, 6) with (k, 7) poses.
         base_pose: (7,) pose wxyz_xyz of a floating base's frame in the world; None without one.
         base_twist: (6,) [omega; v of that frame's origin], world axes; None without one.
     """
 
     q: ArrayField = REQUIRED
     qd: ArrayField = REQUIRED
-    object_pose: Converted[Array, Pose | ArrayLike] = REQUIRED
+    object_pose: Converted[Array, Pose | ArrayLike] = NOT_GIVEN
     object_twist: ArrayField = field(default_factory=making(np.zeros, 6))
     base_pose: Converted[Array | None, Pose | ArrayLike | None] = NOT_GIVEN
     base_twist: OptionalArrayField = NOT_GIVEN
@@ -53,9 +56,14 @@ class State(Frozen):
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "q", checks.vector(self.q, "state: q", StateError))
-        put(self, "qd", checks.numbers(self.qd, self.q.shape, "state: qd", StateError))
-        put(self, "object_pose", _pose(self.object_pose, "state: object_pose"))
-        put(self, "object_twist", checks.numbers(self.object_twist, (6,), "state: object_twist", StateError))
+        qd, n = checks.numbers(self.qd, None, "state: qd", StateError), len(self.q)
+        spherical = qd.ndim == 1 and n - n // 4 <= len(qd) < n  # joints have one rate less than positions
+        put(self, "qd", qd if qd.shape == (n,) or spherical else checks.numbers(qd, (n,), "state: qd", StateError))
+        if self.object_pose is None or _are_several(self.object_pose):
+            self._set_objects()
+        else:
+            put(self, "object_pose", _pose(self.object_pose, "state: object_pose"))
+            put(self, "object_twist", checks.numbers(self.object_twist, (6,), "state: object_twist", StateError))
         if self.base_pose is not None:
             put(self, "base_pose", _pose(self.base_pose, "state: base_pose"))
             twist = np.zeros(6) if self.base_twist is None else self.base_twist
@@ -63,17 +71,30 @@ class State(Frozen):
         elif self.base_twist is not None:
             raise StateError("state: base_twist: expected the pose of the floating base with it, got no base_pose")
 
+    def _set_objects(self) -> None:
+        """Check the poses and twists of several objects, or of none."""
+        put, given = object.__setattr__, () if self.object_pose is None else self.object_pose
+        poses = [_pose(one, f"state: object_pose[{k}]") for k, one in enumerate(given)]  # pyright: ignore
+        twists = np.zeros((len(poses), 6)) if not np.any(self.object_twist) else self.object_twist
+        put(self, "object_pose", checks.read_only(np.array(poses).reshape(-1, 7)))
+        put(self, "object_twist", checks.numbers(twists, (len(poses), 6), "state: object_twist", StateError))
+
     def __repr__(self) -> str:
         """Return the number of joints, the object's position, and whether anything moves, on one line."""
         rates = [x for x in (self.qd, self.object_twist, self.base_twist) if x is not None]
         known = all(x.dtype != object for x in rates)
         moves = "" if not known else ", in motion" if any(x.any() for x in rates) else ", at rest"
         floats = "" if self.base_pose is None else f", floating base at {checks.place(self.base_pose[4:])} m"
-        return f"<State: {len(self.q)} joints, object at {checks.place(self.object_pose[4:])} m{floats}{moves}>"
+        objects = [f", object at {checks.place(pose[4:])} m" for pose in np.reshape(self.object_pose, (-1, 7))]
+        return f"<State: {len(self.qd)} joints{''.join(objects)}{floats}{moves}>"
 
     @frozen_property
     def object_frame(self) -> Pose:
         """The object's pose as rotation and origin."""
+        if self.object_pose.ndim > 1:
+            raise StateError(
+                f"state: object_frame: expected one object, got {len(self.object_pose)}; try object_pose[k]"
+            )
         return Pose.unchecked_seven(self.object_pose)
 
     @frozen_property
@@ -89,11 +110,24 @@ class State(Frozen):
         """Check that the state fits a chain.
 
         Raises:
-            StateError: the number of joints differs, or the pose of a floating base is missing or superfluous.
+            StateError: the number of joints or objects differs, or the pose of a floating base is missing or
+                superfluous.
         """
-        if len(self.q) != chain.joint_count:
-            counts = ", ".join(f"{name}: {part.stop - part.start}" for name, part in chain.joints.items())
-            raise StateError(f"state: q: expected {chain.joint_count} joint positions ({counts}), got {len(self.q)}")
+        if len(self.q) != chain.position_count or len(self.qd) != chain.joint_count:
+            what, given, parts = "rates", self.qd, chain.joints
+            if len(self.q) != chain.position_count:
+                what, given, parts = "positions", self.q, chain.positions
+            counts = {name: part.stop - part.start for name, part in parts.items()}
+            listed = ", ".join(f"{name}: {count}" for name, count in counts.items())
+            name = "q" if what == "positions" else "qd"
+            raise StateError(
+                f"state: {name}: expected {sum(counts.values())} joint {what} ({listed}), got {len(given)}"
+            )
+        if self.object_pose.shape != (7,) or len(chain.free_objects) != 1:
+            count, several = len(chain.free_objects), self.object_pose.ndim > 1
+            if self.object_pose.size != 7 * count or (several and not chain.beyond_serial):
+                shape = "(7,)" if count == 1 else f"({count}, 7)"
+                raise StateError(f"state: object_pose: expected shape {shape}, got {self.object_pose.shape}")
         if chain.floats and self.base_pose is None:
             raise StateError("state: base_pose: expected the pose of the trunk's floating base, got none")
         if self.base_pose is not None and not chain.floats:
@@ -110,7 +144,16 @@ def require_fit(chain: Any, state: Any) -> None:
         raise ModelError(
             "chain: expected ClosedChain, got Forest, which answers holdfast.dynamics.forest_dynamics only"
         )
-    checks.instance(chain, ClosedChain, "chain")
+    serial_chain(chain, "chain")
+    require_state(chain, state)
+
+
+def require_state(chain: ClosedChain, state: Any) -> None:
+    """Refuse what is no state, and a state of another chain.
+
+    Raises:
+        StateError: naming what came instead.
+    """
     checks.instance(state, State, "state", StateError)
     state.fits(chain)
 
@@ -156,6 +199,14 @@ def found_state(parts: Mapping[str, Array]) -> State:
     return state
 
 
+def _are_several(poses: Any) -> bool:
+    """Return whether what is given is a list of poses, or an array of them."""
+    if isinstance(poses, np.ndarray):
+        return poses.ndim == 2
+    listed = isinstance(poses, list | tuple)
+    return listed and all(isinstance(one, Pose | list | tuple) or getattr(one, "ndim", 0) == 1 for one in poses)
+
+
 def _pose(given: Any, what: str) -> Array:
     """Return a pose as a checked unit quaternion and a position, (7,)."""
     pose = given.wxyz_xyz if isinstance(given, Pose) else given
@@ -176,7 +227,7 @@ class Inputs(Frozen):
     """The inputs of the chain other than the joint torques; everything is zero by default.
 
     Attributes:
-        object_wrench: (6,) external wrench on the object about C, world axes [N m, N].
+        object_wrench: (6,) external wrench on the object about C, world axes [N m, N]; (k, 6) for k objects.
         link_wrenches: (n, 6) external wrench on each link of the arms about its frame's origin, world axes.
         base_twists: (arms, 6) prescribed velocity of each base's origin, world axes; 0 for arms on a trunk.
         base_accelerations: (arms, 6) their derivatives [omega_dot; v_dot]; 0 for arms on a trunk.
@@ -201,9 +252,9 @@ class Inputs(Frozen):
 
     def shaped(self, chain: ClosedChain) -> Inputs:
         """Return the inputs as checked arrays of the chain's shapes; link wrenches and trunk inputs may stay None."""
-        l, n = len(chain.arms), sum(arm.joint_count for arm in chain.arms.values())
+        l, n, k = len(chain.arms), sum(arm.joint_count for arm in chain.arms.values()), len(chain.free_objects)
         shaped = Inputs(
-            self._array("object_wrench", (6,)),
+            self._array("object_wrench", (6,) if k == 1 else (k, 6)),
             None if self.link_wrenches is None else self._array("link_wrenches", (n, 6)),
             self._array("base_twists", (l, 6)),
             self._array("base_accelerations", (l, 6)),

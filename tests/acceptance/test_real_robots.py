@@ -25,6 +25,8 @@ from tests.robots.arm_dynamics import mass_jacobian_bias
 from tests.systems.problems import largest_gaps
 
 pytest.importorskip("pinocchio", reason="needs Pinocchio: pip install pin")
+from benchmarks import free_robots
+
 from tests.robots.pinocchio_closed import closed_gaps
 from tests.robots.pinocchio_trunk import gaps as trunk_gaps
 from tests.robots.pinocchio_urdf import Models
@@ -346,3 +348,24 @@ def test_closed_through_a_tray(file, links, floating):
     ]
     print(f"{file:30s} {'floating' if floating else 'standing'} " + "  ".join(f"{gap:.1e}" for gap in worst))
     assert max(worst) <= TOLERANCE
+
+
+def test_all_joints_free():
+    """Every robot that Pinocchio reads, fingers and mimic joints free: accelerations agree, or it is refused by name.
+
+    Where Pinocchio's articulated bodies and its mass matrix differ by more, as for links that almost have no inertia,
+    ten times as much is allowed.
+    """
+    found = [one for path in free_robots.files(FOLDER) if (one := free_robots.compare(path)) is not None]
+    loaded = [one for one in found if not one.refusal]
+    assert all(NAMED.match(one.refusal) or "no inertia beyond" in one.refusal for one in found if one.refusal)
+    assert len(loaded) >= 150 and sum(one.mimic > 0 for one in loaded) >= 30
+    assert [one for one in loaded if one.gap > max(free_robots.BAR, 10 * one.own)] == []
+
+
+@pytest.mark.parametrize("file", free_robots.CARRIERS)
+def test_a_tray_with_free_grippers(file):
+    """Trunk, arms, free grippers and tray: the elimination agrees with dense equations, and forces are unique."""
+    differs, chain, status = free_robots.tray_gap(real(file), free_robots.CARRIERS[file])
+    print(f"{file:30s} {chain.joint_count} joints, {len(chain.all_couplings)} mimic, {differs:.1e}")
+    assert status == "OK" and differs <= TOLERANCE

@@ -12,6 +12,7 @@ import holdfast as hf
 from holdfast.dynamics import project_velocity
 from tests.systems.anchored import pinned
 from tests.systems.as_chain import Problem
+from tests.systems.branched import two_arms_with_grippers
 from tests.systems.bushed import bushed
 from tests.systems.lower_pairs import grasp_of
 from tests.systems.parallel_cranks import parallel_cranks
@@ -124,6 +125,65 @@ CHAINS: dict[str, Callable[[], Problem]] = {
 }
 
 
+def still(**more: object) -> Problem:
+    """Return two arms at rest with further parts of the chain."""
+    p = two_arms()
+    return replace(p, chain=replace(p.chain, **more), state=p.state.at_rest())
+
+
+def with_grippers() -> Problem:
+    """Return two arms with fingers that move by themselves."""
+    p = two_arms_with_grippers()
+    arms = {name: replace(arm, couplings=()) for name, arm in p.chain.arms.items()}
+    return Problem(replace(p.chain, arms=arms), p.state, p.tau, hf.Inputs())
+
+
+def with_loop() -> Problem:
+    """Return two arms whose third links a ball joint ties together."""
+    p = still()
+    ends = {n: hf.dynamics.link_poses(arm, p.state.q[p.chain.joints[n]])[2] for n, arm in p.chain.arms.items()}
+    arms = {name: replace(arm, frames={"third": (2, hf.Pose.identity())}) for name, arm in p.chain.arms.items()}
+    (a, at_a), (b, at_b) = ends.items()
+    tie = hf.Closure(f"{a}/third", f"{b}/third", hf.Grasp("ball"), at_a.inverse() @ at_b)
+    return replace(p, chain=replace(p.chain, arms=arms, loops={"tie": tie}))
+
+
+def with_ball_joint() -> Problem:
+    """Return two arms, and a pendulum on a spherical joint."""
+    p = still()
+    pendulum = hf.Arm([hf.Joint("spherical")], [hf.Link(1.0, [0.0, 0.1, -0.3], 0.01 * np.eye(3))])
+    chain = replace(p.chain, arms={**p.chain.arms, "pendulum": pendulum})
+    state = hf.State([*p.state.q, 1.0, 0.0, 0.0, 0.0], [*p.state.qd, 0.0, 0.0, 0.0], p.state.object_pose)
+    return replace(p, chain=chain, state=state, tau=np.append(p.tau, np.zeros(3)))
+
+
+def with_lid() -> Problem:
+    """Return two arms that hold an object, and another one, which falls."""
+    p = still(objects={"lid": hf.HeldObject.box(1.0, 0.2, 0.2, 0.01)})
+    return replace(p, state=hf.State(p.state.q, p.state.qd, [p.state.object_pose, np.eye(7)[0]]))
+
+
+def with_passive_joint() -> Problem:
+    """Return two arms, one joint of which has no drive."""
+    p = still()
+    name, arm = next(iter(p.chain.arms.items()))
+    idle = arm.of([replace(arm.joints[0], actuated=False), *arm.joints[1:]])
+    tau = p.tau.copy()
+    tau[p.chain.joints[name].start] = 0.0
+    return replace(p, chain=replace(p.chain, arms={**p.chain.arms, name: idle}), tau=tau)
+
+
+# chains that are answered as forests
+FORESTS: dict[str, Callable[[], Problem]] = {
+    "branches": with_grippers,
+    "an inner loop": with_loop,
+    "mimic joints": lambda: still(couplings=[hf.Coupling({"arm1/joint1": 1.0, "arm1/joint2": -1.0}, offset=None)]),
+    "several objects": with_lid,
+    "a spherical joint": with_ball_joint,
+    "a passive joint": with_passive_joint,
+}
+
+
 @dataclass(frozen=True)
 class Case(Problem):
     """What is asked about.
@@ -143,5 +203,5 @@ class Case(Problem):
 @cache
 def chain_with(capability: str) -> Case:
     """Return the chain of a capability, a state and torques."""
-    p = CHAINS[capability]()
+    p = (CHAINS | FORESTS)[capability]()
     return Case(**vars(p), base_motion=motions_of(capability, p.chain))

@@ -13,7 +13,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from tests.capabilities.chains import CHAINS, chain_with
+from tests.capabilities.chains import CHAINS, FORESTS, chain_with
 from tests.capabilities.questions import TABLES, Answer, answer
 
 HEAD = """# Coverage
@@ -51,10 +51,24 @@ def table(title: str, ask: Callable[..., Iterable[Any]] = map) -> str:
     return "\n".join([f"## {title}", "", *(said or ["No gaps."]), "", *lines]) + "\n"
 
 
+def forests() -> str:
+    """Return a section: what chains that are answered as forests are asked, and what they refuse."""
+    rows = ["|  | answered | refused: all else |", "| --- | --- | --- |"]
+    for capability in FORESTS:
+        asked = [(q.name, answer(q, chain_with(capability))) for questions in TABLES.values() for q in questions]
+        refused = [a for _, a in asked if a.refused_by]
+        assert all("expected serial arms" in a.message or "expected one object" in a.message for a in refused[1:])
+        answered = ", ".join(name for name, a in asked if not a.refused_by)
+        said = next(a.message for a in refused if "expected serial arms" in a.message)
+        rows.append(f"| **{capability}** | {answered} | {len(refused)} questions: *{said}* |")
+    head = "Two arms of seven joints with [branches, loops or several objects](how_to/branches.md), which are forests."
+    return "\n".join(["## Branches, loops, several objects", "", head, "", *rows]) + "\n"
+
+
 def page() -> str:
     """Return the whole page; every processor takes part."""
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        return "\n".join([HEAD, *(table(title, pool.map) for title in TABLES)])
+        return "\n".join([HEAD, *(table(title, pool.map) for title in TABLES), forests()])
 
 
 def main() -> None:

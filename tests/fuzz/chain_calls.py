@@ -15,6 +15,7 @@ from holdfast.questions.question import QUESTIONS
 from tests.fuzz.calls import PROBLEMS, Later, call, inputs_of, numbers_of, state_of
 from tests.questions.every import FUNCTIONS
 from tests.systems.as_chain import Problem
+from tests.systems.branched import two_arms_with_grippers
 
 
 def of_chain(ask: Callable[..., Any], /, among: tuple[str, ...] = tuple(PROBLEMS), name: str = "", **more: Any) -> None:
@@ -116,6 +117,18 @@ of_chain(_after_release, name="momentum of a release", arm="arm1")
 of_chain(hf.forward_dynamics_vjp, tau=_tau, qdd=_qdd, grasp_wrench=_wrench, by=FREE, inputs=_inputs, check=False)
 ALONG: dict[str, Any] = {"along": lambda p: {"q": _qdd(p), "object_pose": PUSH, "gravity": np.ones(3)}}
 of_chain(hf.forward_dynamics_jvp, tau=_tau, **ALONG, check=False)
+
+
+def _branched(state: Any, tau: Any, check: Any = True) -> Any:
+    return hf.forward_dynamics(two_arms_with_grippers().chain, state_of(state), tau, check=check)
+
+
+call(
+    "forward_dynamics with branches",
+    state=Later(lambda: numbers_of(two_arms_with_grippers().state)),
+    tau=Later(lambda: np.array(two_arms_with_grippers().tau)),
+    check=False,
+)(_branched)
 
 
 def of_question(name: str) -> None:

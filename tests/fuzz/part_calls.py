@@ -13,6 +13,7 @@ import holdfast as hf
 from holdfast import control, dynamics
 from holdfast.model import forest
 from tests.fuzz.calls import Later, call, everything, fixed, named, numbers_of, rigid, shown, state_of, stay
+from tests.systems.branched import two_arms_with_grippers
 
 # Parts.
 
@@ -65,6 +66,25 @@ call(
 call("grasp by subspace", kind="subspace", frame=np.array(POSE), motion=np.eye(6)[:, [2, 5]])(shown(hf.Grasp))
 call("screw", kind="screw", frame=np.array(POSE), pitch=0.01)(shown(hf.Grasp))
 call("Anchor", base=np.array(POSE), tip=np.array(POSE), name="pin")(shown(hf.Anchor))
+call("Coupling", terms={"left/joint1": 1.0, "left/joint2": -0.5}, offset=0.1)(shown(hf.Coupling))
+call("Closure", a="left/rod", b="left/hand", grasp=hf.Grasp("hinge"), tip=np.array(POSE), name="pin")(shown(hf.Closure))
+call(
+    "Arm with branches",
+    joints=[hf.Joint(name=f"j{k}") for k in range(3)],
+    links=[hf.Link(1.0, inertia=np.eye(3), name=f"l{k}") for k in range(3)],
+    parents=[None, 0, "l0"],
+    frames={"pad": ("l2", np.array(POSE))},
+    couplings=[hf.Coupling({"j1": 1.0, "j2": -1.0})],
+    loops={"pin": hf.Closure("pad", "l1", hf.Grasp("ball"))},
+)(shown(hf.Arm))
+call(
+    "chain with branches",
+    arms=Later(lambda: dict(two_arms_with_grippers().chain.arms)),
+    grasps=Later(lambda: dict(two_arms_with_grippers().chain.grasps)),
+    objects={"object": hf.HeldObject.box(1.0, 0.1, 0.1, 0.1)},
+    loops={"tie": hf.Closure("arm1/pad1", "arm2/pad2", hf.Grasp("ball"))},
+    couplings=[hf.Coupling({"arm1/joint1": 1.0, "arm2/joint1": -1.0})],
+)(shown(hf.ClosedChain))
 call(
     "State",
     q=np.zeros(4),

@@ -1,4 +1,4 @@
-"""A kind of grasp and types of joints are a table row each: what is added here is answered by everything."""
+"""A kind of grasp that is added as a table row, and screws and cylinders as joints, are answered by everything."""
 
 import mpmath
 import numpy as np
@@ -6,7 +6,6 @@ import pytest
 
 import holdfast as hf
 from holdfast.model.grasp_kinds import GRASP_KINDS, GraspKind
-from holdfast.model.joint_types import JOINT_TYPES, JointType
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import arctan2, array, concatenate, sqrt
 from holdfast.spatial.vector import cross
@@ -45,10 +44,6 @@ ROWS = {
         axes=cardan_axes,
     )
 }
-TYPES = {
-    "screw": JointType(turns=True, travel=PITCH),
-    "cylindrical": JointType(parts=(("revolute", np.array), ("prismatic", np.array))),
-}
 
 ARMS = {
     "left": ("revolute", "screw", "revolute", "cylindrical", "revolute", "revolute"),
@@ -64,8 +59,6 @@ def rows():
     with pytest.MonkeyPatch.context() as patch:
         for name, row in ROWS.items():
             patch.setitem(GRASP_KINDS, name, row)
-        for name, row in TYPES.items():
-            patch.setitem(JOINT_TYPES, name, row)
         yield
 
 
@@ -89,7 +82,8 @@ class Problem:
 
         self.joints, arms = {}, {}
         for name, types in ARMS.items():
-            joints = [hf.Joint(kind, unit(), pose(0.3), f"j{k}") for k, kind in enumerate(types)]
+            pitch = {"screw": PITCH}
+            joints = [hf.Joint(kind, unit(), pose(0.3), f"j{k}", pitch=pitch.get(kind)) for k, kind in enumerate(types)]
             links = [hf.Link(random.uniform(0.5, 2.0), 0.1 * unit(), inertia()) for _ in types]
             self.joints[name] = list(zip(joints, links, strict=True))
             arms[name] = hf.Arm(joints, links, pose(0.2), pose(0.5))

@@ -156,7 +156,7 @@ MAKE = {
 }
 # what is made, what it is given, what the message says after its name
 REFUSED = [
-    ("joint 'elbow': ", {"kind": "planar"}, r"kind: expected 'revolute' or 'prismatic', got 'planar'"),
+    ("joint 'elbow': ", {"kind": "free"}, r"kind: expected 'revolute' or 'prismatic' or .* or 'spherical', got 'free'"),
     ("joint 'elbow': ", {"axis": [0, 0, 2]}, r"axis: expected a unit vector, got length 2"),
     ("joint 'elbow': ", {"axis": [0, 1]}, r"axis: expected shape \(3,\)"),
     ("joint 'elbow': ", {"axis": "z"}, r"axis: expected numbers"),

@@ -25,6 +25,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import STANDARD_GRAVITY, ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
+from holdfast.model.serial_chain import serial_chain
 from holdfast.model.trunk import Trunk
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -108,6 +109,7 @@ def assemble(
         ClosureError: an arm cannot reach its grasp; the message gives its name, the missing distance and advice.
     """
     made = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {})
+    serial_chain(made, "assemble")
     chain = with_slack_bushings(made)
     given = None if object_pose is None else checks.pose(object_pose, "object_pose")
     if given is None and not chain.grasps:

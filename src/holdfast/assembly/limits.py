@@ -23,8 +23,8 @@ def longest_reach(arm: Arm) -> float:
     It is the sum of the lengths from joint to joint and to the tip, and of the strokes; infinite if a stroke has no
     limit.
     """
-    sliding = [joint for joint in arm.joints if joint.type.travel]
-    strokes = [abs(joint.type.travel) * max(map(abs, joint.position_limits)) for joint in sliding]
+    sliding = [joint for joint in arm.joints if joint.travel]
+    strokes = [abs(joint.travel) * max(map(abs, joint.position_limits)) for joint in sliding]
     return math.fsum([arm.length, *strokes])
 
 

@@ -78,8 +78,8 @@ def _gap(arm: Arm, q: Array, contact: Pose, size: float) -> tuple[Array, Array]:
         p, R = p + R @ joint.placement.p, R @ joint.placement.R
         axes.append(R @ joint.axis)
         places.append(p)
-        if joint.type.travel:
-            p = p + q[:, k, None] * (joint.type.travel * axes[-1])
+        if joint.travel:
+            p = p + q[:, k, None] * (joint.travel * axes[-1])
         if joint.turns:
             R = R @ _turns(joint.axis, q[:, k])
     p, R = p + R @ arm.tip.p, contact.R.T @ R @ arm.tip.R
@@ -87,7 +87,7 @@ def _gap(arm: Arm, q: Array, contact: Pose, size: float) -> tuple[Array, Array]:
     for k, joint in enumerate(arm.joints):
         turning = axes[k] if joint.turns else 0.0 * axes[k]
         J[:, :3, k] = turning @ contact.R
-        J[:, 3:, k] = (np.cross(turning, p - places[k]) + joint.type.travel * axes[k]) @ contact.R / size
+        J[:, 3:, k] = (np.cross(turning, p - places[k]) + joint.travel * axes[k]) @ contact.R / size
     return np.hstack([_logs(R), (p - contact.p) @ contact.R / size]), J
 
 
@@ -122,7 +122,7 @@ def _step(J: Array, gap: Array, damping: Array, lowest: Array, highest: Array) -
 def _unwound(arm: Arm, q: Array, preferred: Array) -> Array:
     """Return the same configurations with whole turns subtracted towards the preferred one, if the limits allow it."""
     turns = 2 * np.pi * np.round((q - preferred) / (2 * np.pi))
-    turns[:, [bool(joint.type.travel) for joint in arm.joints]] = 0.0
+    turns[:, [bool(joint.travel) for joint in arm.joints]] = 0.0
     low, high = arm.position_limits.T
     there = q - turns
     return np.where((low <= there) & (there <= high), there, q)

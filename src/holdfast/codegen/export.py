@@ -29,6 +29,7 @@ from holdfast.errors import ModelError, ResultError
 from holdfast.io.files import file_path, names_in, replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.progress import busy, detail
 from holdfast.simulation.environment import BaseMotion
 from holdfast.spatial.frozen import FrozenDict
@@ -120,7 +121,7 @@ def export_c(
     """
     compiled = chain if isinstance(chain, CompiledChain) else None
     if compiled is None:
-        checks.instance(chain, ClosedChain, "export: chain")
+        serial_chain(chain, "export: chain")
     checks.instance(name, str, "export: name")
     checks.instance(target, str, "export: target")
     checks.instance(scheme, str, "export: scheme")

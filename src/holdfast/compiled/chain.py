@@ -28,6 +28,7 @@ from holdfast.forces.margins import GRASP_MARGINS
 from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called, unknown_attribute
 from holdfast.questions.question import QUESTIONS
 
@@ -80,7 +81,7 @@ def compile(
         MethodNotApplicable: `method` or `dtype` is not available in machine code.
         CompileError: The machine code cannot be made on this computer.
     """
-    checks.instance(chain, ClosedChain, "compile: chain")
+    serial_chain(chain, "compile: chain")
     require_rank(generic_rank, chain, "compile")
     checks.instance(method, str, "compile: method", MethodNotApplicable)
     if dtype != "float64":

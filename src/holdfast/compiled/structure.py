@@ -173,7 +173,7 @@ def _key_of(kind: GraspKind) -> str:
 def _folded(arm: Arm, without_links: bool) -> Iterator[bytes]:
     """Yield the bytes of all numbers of an arm that become constants of the code."""
     for joint in arm.joints:
-        yield repr((joint.type.turns, joint.type.travel)).encode()
+        yield repr((joint.turns, joint.travel)).encode()
         yield from (joint.axis.tobytes(), joint.placement.R.tobytes(), joint.placement.p.tobytes())
         spring = [joint.stiffness, joint.rest] if joint.stiffness else []
         yield np.array([joint.armature, joint.damping, *spring]).tobytes()

@@ -104,7 +104,7 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
     own = {"arms": arms, "held_object": body, "grasps": grasps, "gravity": gravity, "mounts": chain.mounts}
     own["trunk"] = None if chain.trunk is None else _traced_trunk(chain.trunk, given)
     own["springs"] = tuple(_constant_element(element) for element in chain.springs)
-    other.__dict__.update(own)
+    other.__dict__.update(own, objects={}, loops={}, couplings=())
     return other
 
 
@@ -186,7 +186,7 @@ def _traced_trunk(trunk: Trunk, given: Given) -> Trunk:
 
 
 def _constant_joint(joint: Joint) -> Joint:
-    plain = Joint(joint.kind, constants(joint.axis), _constant_pose(joint.placement))
+    plain = Joint(joint.kind, constants(joint.axis), _constant_pose(joint.placement), pitch=joint.pitch)
     numbers = {name: Constant(getattr(joint, name)) for name in ("armature", "damping", "stiffness", "rest")}
     return replace(plain, **numbers)
 

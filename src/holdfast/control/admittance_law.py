@@ -20,6 +20,7 @@ from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.model.serial_chain import serial_chain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, Scalar, concatenate
@@ -68,7 +69,7 @@ def admittance_law(
     Reference:
         Caccavale and Uchiyama, Cooperative Manipulation, Springer Handbook of Robotics, 2016.
     """
-    checks.instance(chain, ClosedChain, "admittance law: chain")
+    serial_chain(chain, "admittance law: chain")
     checks.instance(posture, (PostureControl, type(None)), "admittance law: posture")
     if chain.trunk is not None or not chain.grasps:
         got = "a trunk" if chain.grasps else "no grasp"

@@ -21,6 +21,7 @@ from holdfast.control.controller import (
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum
 from holdfast.state import State
@@ -40,7 +41,7 @@ def clipped(controller: Controller | ControlLaw, chain: ClosedChain) -> Controll
         ModelError: the controller is not a function, or `chain` is not a ClosedChain.
     """
     require_controller(controller)
-    checks.instance(chain, ClosedChain, "clipped: chain")
+    serial_chain(chain, "clipped: chain")
     limits = np.array([joint.effort_limit for joint in chain.all_joints])
     if not isinstance(controller, ControlLaw):
         return Clipped(controller, limits)

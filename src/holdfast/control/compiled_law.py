@@ -24,6 +24,7 @@ from holdfast.control.traced_law import law_of, law_outputs, require_function
 from holdfast.errors import HoldfastError, MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called, no_arguments
 from holdfast.questions.arrays import Row, shapes, state_fields
 from holdfast.questions.case import VariedCase
@@ -76,6 +77,7 @@ def compile_law(
     if not isinstance(known, ClosedChain):
         got = "none" if known is None else type(known).__name__
         raise ModelError(f"compile_law: chain: expected the ClosedChain whose joints the law drives, got {got}")
+    serial_chain(known, "compile_law: chain")
     law, values = law_and_values(controller, known)
     require_function(law, known)
     return CompiledLaw(law, known, values, progress)

@@ -18,6 +18,7 @@ from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.model.serial_chain import serial_chain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, concatenate
 from holdfast.state import Inputs, State
@@ -62,7 +63,7 @@ def cooperative_law(
         Caccavale and Uchiyama, Cooperative Manipulation, Springer Handbook of Robotics, 2016.
     """
     forces, posture = InternalForce() if forces is None else forces, PostureControl() if posture is None else posture
-    checks.instance(chain, ClosedChain, "cooperative law: chain")
+    serial_chain(chain, "cooperative law: chain")
     parts = {"motion": (motion, CommandedMotion), "forces": (forces, GraspForces), "posture": (posture, NullMotion)}
     for name, (part, kind) in parts.items():
         checks.instance(part, kind, f"cooperative law: {name}")

@@ -14,6 +14,7 @@ from holdfast.dynamics.inverse import torques
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
@@ -40,7 +41,7 @@ class GravityCompensation(Frozen):
     traceable: ClassVar[bool] = True  # can be compiled to machine code
 
     def __post_init__(self) -> None:
-        checks.instance(self.chain, ClosedChain, "gravity compensation: chain")
+        serial_chain(self.chain, "gravity compensation: chain")
         if self.chain.floats and self.chain.gravity.any():
             raise MethodNotApplicable(
                 "GravityCompensation: expected a fixed base, got a trunk whose base floats under gravity, which"

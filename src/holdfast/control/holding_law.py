@@ -12,9 +12,9 @@ from holdfast.control.controller import ControlLaw
 from holdfast.control.holding_torques import holding_torques
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.errors import MethodNotApplicable
-from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.model.serial_chain import serial_chain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, less, where
 from holdfast.state import Inputs, State
@@ -35,7 +35,7 @@ def holding_law(chain: ClosedChain, *, each_arm: bool = False) -> ControlLaw:
         ModelError: `chain` is not a ClosedChain.
         MethodNotApplicable: the base of the chain floats, or no arm has a grasp.
     """
-    checks.instance(chain, ClosedChain, "holding law: chain")
+    serial_chain(chain, "holding law: chain")
     for refused, what in ((chain.floats, "a floating base, which no drive holds"), (not chain.grasps, "no grasp")):
         if refused:
             raise MethodNotApplicable(

@@ -18,6 +18,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.spatial.frozen import REQUIRED, making
 from holdfast.spatial.scalar import Array, array, concatenate, maximum, sqrt, where
@@ -70,6 +71,8 @@ class HybridForce(GraspForces):
         put(self, "late", checks.flag(self.late, "hybrid force: late", ModelError))
         checks.instance(self.around, GraspForces, "hybrid force: around")
         checks.instance(self.sensor, (ClosedChain, type(None)), "hybrid force: sensor")
+        if self.sensor is not None:
+            serial_chain(self.sensor, "hybrid force: sensor")
         most, why = (1.0, "with measurements a sample late") if self.late else (2.0, "of an integral")
         require_stable("hybrid force: gain", "gain * sample_time", self.gain * self.sample_time, most, why)
 

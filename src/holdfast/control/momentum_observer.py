@@ -22,6 +22,7 @@ from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.model.serial_chain import serial_chain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.linalg import ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, sqrt, where
@@ -79,7 +80,7 @@ def observed(
     Reference:
         De Luca and Haddadin, Sensorless robot collision detection and hybrid force/motion control, ICRA 2005.
     """
-    checks.instance(chain, ClosedChain, "observed: chain")
+    serial_chain(chain, "observed: chain")
     own = law if isinstance(law, ControlLaw) else None if isinstance(law, GivenLaw) else law_of(law, chain)
     if own is None:
         raise ModelError(

@@ -17,6 +17,7 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.scalar import Array
@@ -58,7 +59,7 @@ class ObjectTracking(Frozen):
     traceable: ClassVar[bool] = True  # can be compiled to machine code if the path is traceable
 
     def __post_init__(self) -> None:
-        checks.instance(self.chain, ClosedChain, "object tracking: chain")
+        serial_chain(self.chain, "object tracking: chain")
         object.__setattr__(self, "path", path_function(self.path, "object tracking: path"))
         for name in ("internal_force", "stiffness", "damping", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"object tracking: {name}"))

@@ -14,6 +14,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.spatial.frozen import REQUIRED
 from holdfast.spatial.scalar import Array
@@ -82,7 +83,7 @@ def unloaded(chain: ClosedChain, grasp_wrench: ArrayLike) -> dict[str, bool]:
     Raises:
         StateError: a shape is wrong, or squares of the wrenches overflow.
     """
-    checks.instance(chain, ClosedChain, "unloaded: chain")
+    serial_chain(chain, "unloaded: chain")
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "unloaded: grasp_wrench", StateError)
     length = length_scale([grasp.frame.p for grasp in chain.grasps.values()])
     with np.errstate(all="ignore"):  # what overflows is refused

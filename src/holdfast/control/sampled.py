@@ -25,6 +25,7 @@ from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.model.serial_chain import serial_chain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, concatenate, select, where
 from holdfast.state import State
@@ -72,7 +73,7 @@ def sampled(
         ModelError: a number, name or shape is invalid, there is noise without a seed, the controller is not traceable
             or is sampled already, or the law depends on more than its arguments.
     """
-    checks.instance(chain, ClosedChain, "sampled: chain")
+    serial_chain(chain, "sampled: chain")
     period = checks.number(sample_time, "sampled: sample_time", above=0.0)
     late = checks.number(delay, "sampled: delay", at_least=0.0)
     if period > LARGEST_SETTING:

@@ -22,6 +22,7 @@ from holdfast.forces.path_point import PathPoint, is_damped, motion_at, path_poi
 from holdfast.forces.path_timing import fastest_timing
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.spatial.frozen import ArrayField, Frozen, frozen, frozen_property
 from holdfast.spatial.scalar import Array, Scalar, clip, minimum, where
@@ -195,7 +196,7 @@ def time_path(
         H. Pham, Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis, IEEE
         Transactions on Robotics, 2018.
     """
-    checks.instance(chain, ClosedChain, "time_path: chain")
+    serial_chain(chain, "time_path: chain")
     limits = _timeless(limits)
     if not chain.grasps or chain.floats:
         what = "a floating base, whose motion depends on forces" if chain.floats else "no grasp"

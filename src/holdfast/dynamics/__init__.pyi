@@ -35,3 +35,4 @@ from .tree.forest_dynamics import forest_dynamics as forest_dynamics
 from .tree.forest_inverse import forest_inverse_dynamics as forest_inverse_dynamics
 from .tree.forest_linearise import forest_linearise as forest_linearise
 from .tree.forest_simulate import forest_simulate as forest_simulate
+from .tree.mechanism import MechanismResult as MechanismResult

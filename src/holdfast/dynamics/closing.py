@@ -19,9 +19,11 @@ from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE, constraint_rows, c
 from holdfast.dynamics.nearest_posture import nearest_posture
 from holdfast.dynamics.posture import Posture
 from holdfast.dynamics.projection import Change, quickened
+from holdfast.dynamics.tree.mechanism import mechanism_close
 from holdfast.errors import ClosureError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.serial_chain import require_unused
 from holdfast.model.tip_direction import advice_for
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
@@ -63,9 +65,18 @@ def close(
             cost least. None to stay near the guess.
         inputs: base motion, if the bases move.
 
+    A chain with branches, loops, couplings or several objects is closed as its forest, in which everything may move;
+    positions beyond a joint's limits are refused there.
+
     Raises:
         ClosureError: if some arms cannot reach their grasps; the message names them and their residuals.
     """
+    if isinstance(chain, ClosedChain) and chain.beyond_serial:
+        held = {"hold_object": hold_object, "hold_trunk": not hold_trunk, "hold_base": hold_base}
+        given = shaped_inputs(chain, inputs)
+        moves = np.any(given.base_twists) or (given.trunk_base_twist is not None and np.any(given.trunk_base_twist))
+        require_unused(**held, posture=posture is not None, inputs=bool(moves))
+        return mechanism_close(chain, guess, limits=limits)
     require_fit(chain, guess)
     checks.instance(posture, (Posture, type(None)), "close: posture")
     low, high = chain.position_limits.T

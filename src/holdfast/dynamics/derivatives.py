@@ -25,6 +25,7 @@ from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.questions.arrays import STATE_AND_TORQUES, arguments_of, gradient_shapes, results_of
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import (
@@ -87,7 +88,7 @@ def forward_dynamics_vjp(
         SingularChainError: the constraint loses rank at this state.
     """
     what = "forward_dynamics_vjp"
-    checks.instance(chain, ClosedChain, "chain")
+    serial_chain(chain, "chain")
     require_names(what, by, arguments_of(chain))
     require_names(what, cotangents, results_of(chain))
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, by)
@@ -135,7 +136,7 @@ def forward_dynamics_jvp(
         SingularChainError: the constraint loses rank at this state.
     """
     what = "forward_dynamics_jvp"
-    checks.instance(chain, ClosedChain, "chain")
+    serial_chain(chain, "chain")
     checks.instance(along, Mapping, f"{what}: along", StateError)
     require_names(what, along, arguments_of(chain))
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, list(along))
@@ -178,7 +179,7 @@ def forward_dynamics_jacobian(
         SingularChainError: the constraint loses rank at this state.
     """
     what = "forward_dynamics_jacobian"
-    checks.instance(chain, ClosedChain, "chain")
+    serial_chain(chain, "chain")
     require_names(what, of, results_of(chain))
     require_names(what, by, arguments_of(chain))
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, by)

@@ -19,9 +19,11 @@ from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.methods import Method, method_named
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.smallest_forces import with_smallest_forces
+from holdfast.dynamics.tree.mechanism import mechanism_dynamics
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import require_unused
 from holdfast.questions.arrays import (
     ARGUMENTS,
     ARRAYS,
@@ -76,7 +78,8 @@ def forward_dynamics(
             rank cannot be determined.
 
     Returns:
-        A `ForwardResult`.
+        A `ForwardResult`; for a chain with branches, loops, couplings or several objects a `MechanismResult`, by the
+        methods "sequential" and "tree", which are the same there, and "kkt".
 
     Raises:
         StateError: if a shape is wrong, the state violates a grasp, or the state is so far off the constraint
@@ -84,6 +87,9 @@ def forward_dynamics(
         SingularChainError: if the configuration is singular, so that the constraint's rank drops.
         MethodNotApplicable: if the chosen algorithm does not cover this chain.
     """
+    if isinstance(chain, ClosedChain) and chain.beyond_serial:
+        require_unused(route=route != "auto", generic_rank=generic_rank is not None, held=held is not None)
+        return mechanism_dynamics(chain, state, tau, inputs, method, check=check)  # pyright: ignore[reportReturnType]
     require_fit(chain, state)
     tau = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
     given = shaped_inputs(chain, inputs)

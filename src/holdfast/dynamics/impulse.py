@@ -28,6 +28,7 @@ from holdfast.errors import ClosureError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
@@ -118,7 +119,7 @@ def release(chain: ClosedChain, name: str) -> ClosedChain:
     Raises:
         ModelError: there is no such grasp.
     """
-    checks.instance(chain, ClosedChain, "chain")
+    serial_chain(chain, "chain")
     return chain.without_grasp(name)
 
 

@@ -16,8 +16,9 @@ from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
-from holdfast.model.arm import Arm
+from holdfast.model.arm import Arm, serial_arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.questions.arrays import Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import declare
@@ -57,12 +58,16 @@ def link_poses(arm: Arm, q: ArrayLike) -> list[Pose]:
     """Return the pose of every link frame in the world, base to tip; its origin lies on the link's joint. O(N).
 
     Args:
-        arm: the arm.
-        q: (N,) joint positions, base to tip [rad or m].
+        arm: the arm, which may have branches.
+        q: (N,) joint positions in the order of its joints [rad or m]; a spherical joint has four.
 
     Raises:
         StateError: the number of positions is wrong, or they are not finite.
     """
+    checks.instance(arm, Arm, "arm")
+    if not arm.is_serial:
+        forest = ClosedChain({"arm": arm}).as_forest.forest
+        return forest.poses(checks.numbers(q, (forest.position_count,), "q", StateError))
     return link_frames(_configuration(arm, q))
 
 
@@ -103,7 +108,7 @@ def joint_mass_matrix(arm: Arm, q: ArrayLike) -> Array:
 
 
 def _configuration(arm: Arm, q: ArrayLike) -> Kinematics:
-    checks.instance(arm, Arm, "arm")
+    serial_arm(arm, "arm")
     return forward_kinematics(arm, checks.numbers(q, (arm.joint_count,), "q", StateError))
 
 
@@ -234,7 +239,7 @@ def state_from_joints(
         MethodNotApplicable: a grasp is not rigid, or there is none.
         StateError: the joints violate the grasps.
     """
-    checks.instance(chain, ClosedChain, "chain")
+    serial_chain(chain, "chain")
     others = [f"'{name}' is a {grasp.kind} grasp" for name, grasp in chain.grasps.items() if grasp.free]
     if others or not chain.grasps:
         raise MethodNotApplicable(

@@ -24,6 +24,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Friction, Grasp, GraspName, contact_frame
 from holdfast.model.held_object import HeldObject
+from holdfast.model.serial_chain import serial_chain
 from holdfast.progress import busy
 from holdfast.questions.arrays import shapes, state_fields
 from holdfast.robots.panda import panda
@@ -234,6 +235,7 @@ class Task(ABC):
         chain, state = default() if self.chain is None and self.state is None else (self.chain, self.state)
         if not isinstance(chain, ClosedChain):
             raise ModelError(f"{what}: chain: expected a ClosedChain beside a state, got {type(chain).__name__}")
+        serial_chain(chain, f"{what}: chain")
         if not isinstance(state, State):
             raise ModelError(
                 f"{what}: state: expected a closed State of the chain, got {type(state).__name__}; try"

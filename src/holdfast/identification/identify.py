@@ -24,6 +24,7 @@ from holdfast.io.result_reader import Result
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial import rotation
@@ -184,7 +185,7 @@ def identify(
 
 def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
     """Return the measurements and the unknowns; refuse options that do not match the chain."""
-    checks.instance(chain, ClosedChain, "identify: chain")
+    serial_chain(chain, "identify: chain")
     if by not in MEASUREMENTS:
         raise ModelError(f"identify: by: expected {' or '.join(map(repr, MEASUREMENTS))}, got {checks.short(by)}")
     for name, flag in flags.items():

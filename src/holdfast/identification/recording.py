@@ -16,6 +16,7 @@ from holdfast.io.save_run import meta_of
 from holdfast.io.tables import read_table
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.simulation.setting import Setting
 from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory
@@ -152,7 +153,7 @@ def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inp
         StateError: the arrays are not a valid recording.
         MissingExtra: it is a Parquet file, and pyarrow is not installed.
     """
-    checks.instance(chain, ClosedChain, "load_recording: chain")
+    serial_chain(chain, "load_recording: chain")
     path = file_path(path, "path")
     try:
         folder = path.is_dir()

@@ -9,6 +9,7 @@ import numpy as np
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.spatial.scalar import Array
 
 FREE_FLYERS = (TRUNK, "root_joint")
@@ -104,6 +105,7 @@ def pinocchio_order(chain: ClosedChain, model: Any) -> PinocchioOrder:
         ModelError: a joint, or the free flyer of a floating base, does not exist in the model; or a joint does not have
             one position and one velocity, such as a continuous joint (for which q has a cosine and a sine).
     """
+    serial_chain(chain, "pinocchio_order: chain")
     known = list(model.names)
     v_places, q_places = [], []
     for full in chain.joint_names():

@@ -22,9 +22,9 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import product
 
-MJCF_KINDS: dict[str, Any] = {
-    row.mjcf: kind for kind, row in JOINT_TYPES.items() if row.mjcf
-}  # of joints, by MJCF type
+# kinds of joints by MJCF type: those with one degree of freedom, and those that only arms with branches may have
+MJCF_KINDS: dict[str, Any] = {row.mjcf: kind for kind, row in JOINT_TYPES.items() if row.mjcf and not row.quaternion}
+MJCF_BALLS: dict[str, Any] = {row.mjcf: kind for kind, row in JOINT_TYPES.items() if row.mjcf and row.quaternion}
 
 
 class MjcfRobot(NamedTuple):
@@ -56,10 +56,12 @@ class BodyGroup:
     Attributes:
         joint: the joint that moves them; None for bodies that float or are fixed in the world.
         bodies: index and pose of each body, in the joint's frame, or without a joint in the frame of the first body.
+        parent: index of the group on which the joint is; None for the base.
     """
 
     joint: Joint | None
     bodies: list[tuple[int, Pose]] = field(default_factory=list)
+    parent: int | None = None
 
     def pose_of(self, body: int) -> Pose | None:
         """Return the pose of a body; None if it is not of this group."""
@@ -83,28 +85,68 @@ def held_joints(source: str, model: Any, locked: Mapping[str, float] | None) -> 
     return held
 
 
-def along(robot: MjcfRobot, path: list[int]) -> tuple[list[BodyGroup], Pose]:
+def along(robot: MjcfRobot, path: list[int], *, balls: bool = False) -> tuple[list[BodyGroup], Pose]:
     """Return the body groups along a path, without side branches, and the last body's pose in the last group.
+
+    Args:
+        robot: the model.
+        path: indices of the bodies, base outward.
+        balls: whether ball joints are read.
 
     Raises:
         SceneError: a joint has a type that an arm cannot have.
     """
-    model, at, groups = robot.model, Pose.identity(), []
+    at, on, groups = Pose.identity(), None, list[BodyGroup]()
     for body in path:
-        at = at @ _placed(model, body)
-        for j in joints_of(model, [body]):
-            if j in robot.held:
-                at = at @ _turned(model, j, robot.held[j])
-                continue
-            _require_one_freedom(robot.source, model, j)
-            require_plain(robot.source, model, j)
-            anchor = Pose.translation(*model.jnt_pos[j])
-            reference = _turned(model, j, 0.0)  # the body is given at the reference position, our frame at q = 0
-            groups.append(BodyGroup(_joint(model, j, at @ reference @ anchor)))
-            at = anchor.inverse()
-        if groups:
-            groups[-1].bodies.append((body, at))
+        on, at = _add(robot, body, at, on, groups, balls=balls)
     return groups, at
+
+
+def tree_of(robot: MjcfRobot, start: int, path: list[int]) -> tuple[list[BodyGroup], Pose]:
+    """Return the body groups along a path and all that hang on them by joints that move; without a path on the base.
+
+    Raises:
+        SceneError: a joint has a type that an arm cannot have.
+    """
+    groups, tip = along(robot, path, balls=True)
+    waiting: list[tuple[int | None, int, Pose]] = [(k, *one) for k, group in enumerate(groups) for one in group.bodies]
+    waiting += [] if path else [(None, start, Pose.identity())]
+    for on, parent, at in waiting:  # the loop appends to this list
+        for body in np.flatnonzero(robot.model.body_parentid == parent).tolist():
+            if body not in (0, *path):
+                group, there = _add(robot, body, at, on, groups, balls=True)
+                waiting.append((group, body, there))
+    return groups, tip
+
+
+def _add(
+    robot: MjcfRobot, body: int, at: Pose, on: int | None, groups: list[BodyGroup], *, balls: bool
+) -> tuple[int | None, Pose]:
+    """Add a body, and a group for each of its joints that moves; return its group and its pose there.
+
+    Args:
+        robot: the model.
+        body: the body.
+        at: pose of its parent in the group `on`, or in the base's frame.
+        on: index of the parent's group; None for the base.
+        groups: the groups.
+        balls: whether ball joints are read.
+    """
+    model, at = robot.model, at @ _placed(robot.model, body)
+    for j in joints_of(model, [body]):
+        if j in robot.held:
+            at = at @ _turned(model, j, robot.held[j])
+            continue
+        if not (balls and joint_kind(model, j) in MJCF_BALLS):
+            _require_one_freedom(robot.source, model, j)
+        require_plain(robot.source, model, j)
+        anchor = Pose.translation(*model.jnt_pos[j])
+        reference = _turned(model, j, 0.0)  # the body is given at the reference position, our frame at q = 0
+        groups.append(BodyGroup(_joint(model, j, at @ reference @ anchor), parent=on))
+        on, at = len(groups) - 1, anchor.inverse()
+    if on is not None:
+        groups[on].bodies.append((body, at))
+    return on, at
 
 
 def add_branches(robot: MjcfRobot, group: BodyGroup, elsewhere: Container[int]) -> None:
@@ -164,6 +206,8 @@ def _placed(model: Any, body: int) -> Pose:
 
 def _turned(model: Any, j: int, q: float) -> Pose:
     """Return the displacement of a body by its joint at q, body axes: a rotation about the anchor or a shift."""
+    if joint_kind(model, j) in MJCF_BALLS:
+        return Pose.identity()  # at the reference, where its quaternion is one
     axis, travel = model.jnt_axis[j], q - model.qpos0[model.jnt_qposadr[j]]
     if not JOINT_TYPES[MJCF_KINDS[joint_kind(model, j)]].turns:
         return Pose(np.eye(3), travel * axis)
@@ -177,12 +221,12 @@ def _joint(model: Any, j: int, placement: Pose) -> Joint:
     def unless(flag: str, value: float) -> float:
         return 0.0 if is_disabled(model, flag) else float(value)
 
-    limits = UNBOUNDED
+    limits, kind = UNBOUNDED, joint_kind(model, j)
     if model.jnt_limited[j]:
         low, high = model.jnt_range[j].tolist()
         limits = (-np.inf if low <= -ENDLESS else low, np.inf if high >= ENDLESS else high)
     return Joint(
-        MJCF_KINDS[joint_kind(model, j)],
+        {**MJCF_KINDS, **MJCF_BALLS}[kind],
         np.array(model.jnt_axis[j]),
         placement,
         name=joint_name(model, j),

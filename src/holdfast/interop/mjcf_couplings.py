@@ -58,8 +58,12 @@ class Moving:
         return len(places) > 1 and max(places) >= 0
 
 
-def checked_couplings(moving: Moving) -> list[str]:
+def checked_couplings(moving: Moving, read: Container[int] = ()) -> list[str]:
     """Return notes on what acts on the arms and is not read.
+
+    Args:
+        moving: the arms.
+        read: indices of the equalities that are read.
 
     Raises:
         SceneError: a body has gravity compensation or a plugin, or an equality or a tendon with forces of its own acts
@@ -75,7 +79,7 @@ def checked_couplings(moving: Moving) -> list[str]:
             raise SceneError(f"{body}: expected no plugin that acts on it; try another model of it")
     notes = []
     for e in range(model.neq):
-        if not _binds(moving, e):
+        if e in read or not binds(moving, e):
             continue
         name = model.equality(e).name or f"equality {e}"
         if not model.eq_active0[e] or is_disabled(model, "EQUALITY"):
@@ -95,7 +99,7 @@ def checked_couplings(moving: Moving) -> list[str]:
     return [*notes, *_flexes(moving), *_servos(moving), *_options(robot), *_mocap(moving)]
 
 
-def _binds(moving: Moving, e: int) -> bool:
+def binds(moving: Moving, e: int) -> bool:
     """Return whether an equality couples the arm to itself or to what stands still."""
     model, mujoco = moving.robot.model, mujoco_module()
     pair = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]

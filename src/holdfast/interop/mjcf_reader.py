@@ -21,6 +21,7 @@ from holdfast.interop.mjcf_bodies import (
     link_of,
     pose_in_world,
 )
+from holdfast.interop.mjcf_branches import arm_with_branches
 from holdfast.interop.mjcf_couplings import Moving, checked_couplings
 from holdfast.interop.mjcf_model import compiled_mjcf
 from holdfast.interop.mjcf_tree import bodies_between, body_name, find_base, find_tip, joint_kind, joint_name, joints_of
@@ -39,6 +40,7 @@ def load_mjcf(
     tip: str | None = None,
     locked: Mapping[str, float] | None = None,
     lock_others: bool = False,
+    branches: bool = False,
     mount: Any = None,
 ) -> Arm:
     """Return the arm between two bodies of an MJCF file. O(bodies).
@@ -59,6 +61,10 @@ def load_mjcf(
         tip: name of the site or body whose frame is the tip; by default the only end body.
         locked: positions at which to lock joints [rad or m], by name.
         lock_others: whether to lock all other joints on the arm at their positions in the model.
+        branches: whether the other joints on the arm move, as branches of it (`Arm.parents`), for example those of
+            fingers; without a tip, all joints beyond the base. Ball joints are read, connect and weld equalities become
+            loops of the arm, and equalities of joints and of fixed tendons its couplings. Every body's and every site's
+            frame has its name (`Arm.frames`). Such a chain answers `forward_dynamics`.
         mount: pose of the base body in the world (a Pose or wxyz_xyz); by default its pose in the model.
 
     Warns:
@@ -73,9 +79,17 @@ def load_mjcf(
     source, model, unknown = compiled_mjcf(path_or_text)
     start = find_base(source, model, base)
     robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others, unknown)
+    at = pose_in_world(robot, start) if mount is None else checks.pose(mount, "mount")
+    if branches and tip is None:
+        arm = arm_with_branches(robot, start, [], Pose.identity(), at, base or source)
+        show_notes(arm.notes)
+        return arm
     end, tip_frame = find_tip(source, model, start, tip)
     path = bodies_between(source, model, start, end)
-    at = pose_in_world(robot, start) if mount is None else checks.pose(mount, "mount")
+    if branches:
+        arm = arm_with_branches(robot, start, path, tip_frame, at, base or body_name(model, path[0]))
+        show_notes(arm.notes)
+        return arm
     arm = _alone(robot, start, path, tip_frame, at, base or body_name(model, path[0]))
     show_notes(arm.notes)
     return arm

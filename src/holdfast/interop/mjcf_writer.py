@@ -24,6 +24,7 @@ from holdfast.model.force_element import WORLD, SpringEnd
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.serial_chain import serial_chain
 from holdfast.model.spring import Spring
 from holdfast.model.visuals import Cylinder, Sphere
 from holdfast.robots.primitive import LINK_COLOURS, Primitive
@@ -65,6 +66,7 @@ def to_mjcf(chain: ClosedChain, state: State | None = None, *, visuals: bool = T
             moments, or is massless and the last of its arm or the end of a spring; or two bodies have the same name.
         StateError: the state does not belong to the chain.
     """
+    serial_chain(chain, "to_mjcf: chain")
     root = document(chain, visuals=visuals)
     drives = _add(root, "actuator")
     for name in chain.joint_names():  # motors are in our joint order, whatever the order of bodies in MuJoCo

@@ -18,6 +18,7 @@ import numpy as np
 from holdfast.errors import HoldfastError, ResultError
 from holdfast.model.arm import Anchor, Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import is_default
 from holdfast.model.force_element import SpringEnd
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
@@ -46,7 +47,8 @@ _NO_MODEL = (msgspec.DecodeError, TypeError, ValueError, AttributeError, Recursi
 def model_data(value: Any) -> Any:
     """Return a part of the model as dicts, lists, numbers and texts, which JSON can hold."""
     if is_dataclass(value) and not isinstance(value, type):
-        parts = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
+        own = [(f, getattr(value, f.name)) for f in fields(value) if f.init]
+        parts = {f.name: x for f, x in own if not (f.metadata.get("omitted") and is_default(x, f.default))}
         return {IS: type(value).__name__, **{name: model_data(part) for name, part in parts.items()}}
     if isinstance(value, Mapping):
         return {IS: MAPPING, "of": {name: model_data(part) for name, part in value.items()}}

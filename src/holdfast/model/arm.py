@@ -1,30 +1,38 @@
-"""Serial arms, and anchors: arms without joints."""
+"""Arms, serial or with branches, and anchors: arms without joints."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from holdfast.errors import ModelError
+from holdfast.errors import MethodNotApplicable, ModelError
 from holdfast.model import checks
-from holdfast.model.fingerprint import PICTURE
+from holdfast.model.closure import Closure, checked_loops
+from holdfast.model.coupling import Coupling, checked_couplings
+from holdfast.model.fingerprint import OMITTED, PICTURE
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.visuals import Visuals
 from holdfast.names import called
-from holdfast.spatial.frozen import Frozen, changed, frozen_property, making
+from holdfast.spatial.frozen import Converted, Frozen, FrozenDict, changed, frozen_property, making
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
+
+LinkFrames = Mapping[str, tuple[int, Pose]]  # link and pose on it, by name
+IN_SERIES: Any = ()  # Any, because type checkers do not accept a tuple as a `Converted`
 
 
 @called
 @dataclass(frozen=True, eq=False)
 class Arm(Frozen):
-    """A serial chain of joints and links, ordered from base to tip.
+    """A serial chain of joints and links, ordered from base to tip, or a tree of them if `parents` says so.
+
+    A gripper's fingers, or the rods of a parallelogram, are branches of an arm. What a chain with such an arm can be
+    asked is in docs/how_to/branches.md.
 
     Attributes:
         joints: N >= 1 joints; joint k moves link k. A joint with several degrees of freedom is replaced by as many
@@ -35,6 +43,12 @@ class Arm(Frozen):
         name: name in messages.
         visuals: appearance according to its file, for the viewer; discarded if the number of links differs.
         notes: notes on what its file has and was not read, or was read differently, for reports.
+        parents: per joint, the link on which it stands: the index or the name of an earlier one, or None for the base.
+            By default every joint stands on the link before. An arm with branches has no tip.
+        frames: by name, further frames on its links, as (link, pose in the link's frame), for grasps and closures.
+        couplings: linear relations between its joints, by their names, for example of mimic joints.
+        loops: by name, closures between its links, for example of a parallelogram. Their ends are names of links or
+            frames; None is the base.
     """
 
     joints: Sequence[Joint]
@@ -44,6 +58,12 @@ class Arm(Frozen):
     name: str = ""
     visuals: Visuals | None = field(default=None, metadata=PICTURE)
     notes: Sequence[str] = field(default=(), metadata=PICTURE)
+    parents: Converted[tuple[int | None, ...], Sequence[int | str | None]] = field(default=IN_SERIES, metadata=OMITTED)
+    frames: Converted[LinkFrames, Mapping[str, tuple[int | str, Pose]]] = field(
+        default_factory=making(dict), metadata=OMITTED
+    )
+    couplings: Sequence[Coupling] = field(default=(), metadata=OMITTED)
+    loops: Mapping[str, Closure] = field(default_factory=dict, metadata=OMITTED)
 
     def __post_init__(self) -> None:
         label, put = self._check_frames(), object.__setattr__
@@ -63,11 +83,105 @@ class Arm(Frozen):
             raise ModelError(
                 f"{label}: expected one link per joint, got {len(self.joints)} joints and {len(self.links)} links"
             )
+        last = np.cumsum([len(joint.parts) for joint in self.joints]) - 1  # the link that each joint moves in the end
+        put(self, "frames", self._checked_frames(label, last.tolist()))
+        put(self, "parents", self._checked_parents(label, last.tolist()))
+        if self.parents and not (np.array_equal(self.tip.R, np.eye(3)) and not self.tip.p.any()):
+            raise ModelError(
+                f"{label}: tip: expected none for an arm with branches, which may end in several; try"
+                " frames={'tip': (link, pose)}"
+            )
         pairs = zip(self.joints, self.links, strict=True)
         put(self, "links", tuple(one for joint, link in pairs for one in _links(joint, link)))
         put(self, "joints", tuple(part for joint in self.joints for part in joint.parts))
+        put(self, "loops", checked_loops(self.loops, label))
+        for name, loop in self.loops.items():
+            for end in (loop.a, loop.b):
+                _ = end is None or self.frame(end, f"{label}: loop '{name}'")
+        put(self, "couplings", checked_couplings(self.couplings, label))
+        known = [joint.name for joint in self.joints]
+        for name in (name for coupling in self.couplings for name in coupling.terms):
+            if known.count(name) != 1:
+                raise ModelError(
+                    f"{label}: coupling: no joint '{name}'.{checks.did_you_mean(name, filter(None, known))}"
+                )
         put(self, "visuals", fitting_visuals(self.visuals, len(self.links), label))
         put(self, "notes", checked_notes(self.notes, label))
+
+    def _checked_parents(self, label: str, last: list[int]) -> tuple[int | None, ...]:
+        """Return the parent of every part of every joint; nothing for a serial arm."""
+        if not isinstance(self.parents, Sequence) or isinstance(self.parents, str):
+            raise ModelError(f"{label}: parents: expected a list, got {type(self.parents).__name__}")
+        if not self.parents:
+            return ()
+        if len(self.parents) != len(self.joints):
+            raise ModelError(
+                f"{label}: parents: expected one per joint, got {len(self.parents)} for {len(self.joints)} joints"
+            )
+        found: list[int | None] = []
+        for k, (joint, given) in enumerate(zip(self.joints, self.parents, strict=True)):
+            on = None
+            if given is not None:
+                at = self._link(given, f"{label}: parents[{k}]")
+                if at >= k:
+                    raise ModelError(f"{label}: parents[{k}]: expected an earlier link, 0 .. {k - 1}, got {given!r}")
+                on = last[at]
+            found += [on, *range(len(found), len(found) + len(joint.parts) - 1)]
+        return () if found == [None, *range(len(found) - 1)] else tuple(found)
+
+    def _checked_frames(self, label: str, last: list[int]) -> FrozenDict:
+        """Return the further frames, with links by their indices."""
+        if not isinstance(self.frames, Mapping):
+            raise ModelError(f"{label}: frames: expected (link, pose) by name, got {type(self.frames).__name__}")
+        found = {}
+        for name, given in self.frames.items():
+            checks.name(name, f"{label}: name of a frame")
+            if not isinstance(given, tuple | list) or len(given) != 2:
+                raise ModelError(f"{label}: frame '{name}': expected (link, pose), got {checks.short(given)}")
+            what = f"{label}: frame '{name}'"
+            found[name] = (last[self._link(given[0], what)], checks.pose(given[1], what))
+        return FrozenDict(found)
+
+    def _link(self, link: Any, what: str) -> int:
+        """Return the index of a link that is given by its index or name."""
+        names = [one.name for one in self.links]
+        if isinstance(link, str):
+            if names.count(link) == 1 and link:
+                return names.index(link)
+            known = checks.did_you_mean(link, filter(None, names))
+            raise ModelError(f"{what}: {names.count(link) or 'no'} links '{link}'.{known}")
+        if not isinstance(link, int | np.integer) or isinstance(link, bool) or not 0 <= link < len(names):
+            raise ModelError(f"{what}: expected a link, by its name or 0 .. {len(names) - 1}, got {checks.short(link)}")
+        return int(link)
+
+    def frame(self, name: Any, what: str) -> tuple[int, Pose]:
+        """Return the link on which a named frame is, and its pose there; a link's own name is that of its frame.
+
+        Args:
+            name: name of a frame or a link, or a link's index.
+            what: what is attached there, for messages.
+
+        Raises:
+            ModelError: there is no such frame; the message suggests one.
+        """
+        if isinstance(name, str) and name in self.frames:
+            return self.frames[name]
+        within = f" in arm '{self.name}'" if self.name else ""
+        if isinstance(name, str) and name not in [link.name for link in self.links]:
+            known = [*self.frames, *filter(None, (link.name for link in self.links))]
+            raise ModelError(f"{what}: no link or frame '{name}'{within}.{checks.did_you_mean(name, known)}")
+        return self._link(name, f"{what}{within}"), Pose.identity()
+
+    @property
+    def is_serial(self) -> bool:
+        """Whether its joints are in series, independent, and have one degree of freedom each."""
+        return not (self.parents or self.couplings or self.loops or any(joint.type.quaternion for joint in self.joints))
+
+    @property
+    def parent_of(self) -> tuple[int | None, ...]:
+        """Per joint with one part, the index of the link on which it stands; None for the base."""
+        serial: tuple[int | None, ...] = (None, *range(len(self.joints)))[:-1]
+        return self.parents or serial
 
     def _check_frames(self) -> str:
         """Check name, tip and base, and return the label of the arm in messages."""
@@ -138,6 +252,22 @@ class Arm(Frozen):
         return np.array([j.rest for j in self.joints])
 
 
+def serial_arm(value: Any, what: str) -> None:
+    """Check that a value is an arm whose joints are in series and have one degree of freedom each.
+
+    Raises:
+        ModelError: it is no arm.
+        MethodNotApplicable: it has branches or a spherical joint; the message says what to try.
+    """
+    checks.instance(value, Arm, what)
+    if not value.is_serial:
+        coupled = "couplings or loops" if value.couplings or value.loops else "a spherical joint"
+        has = "branches" if value.parents else coupled
+        raise MethodNotApplicable(
+            f"{what}: expected a serial arm, got one with {has}; try it in a ClosedChain, for forward_dynamics"
+        )
+
+
 def fitting_visuals(visuals: Any, links: int, label: str) -> Visuals | None:
     """Return the visuals if they belong to a base and `links` links; otherwise None.
 
@@ -189,10 +319,20 @@ class Anchor(Arm):
     tip: PoseField = field(default_factory=making(Pose.identity), kw_only=True)
     base: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
+    parents: Converted[tuple[int | None, ...], Sequence[int | str | None]] = field(
+        default=IN_SERIES, init=False, metadata=OMITTED
+    )
+    frames: Converted[LinkFrames, Mapping[str, tuple[int | str, Pose]]] = field(
+        default_factory=making(dict), init=False, metadata=OMITTED
+    )
+    couplings: Sequence[Coupling] = field(default=(), init=False, metadata=OMITTED)
+    loops: Mapping[str, Closure] = field(default_factory=dict, init=False, metadata=OMITTED)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", ())
-        object.__setattr__(self, "links", ())
+        for name in ("joints", "links", "parents", "couplings"):
+            object.__setattr__(self, name, ())
+        for name in ("frames", "loops"):
+            object.__setattr__(self, name, FrozenDict())
         self._check_frames()
 
     def of(self, joints: Sequence[Joint] | None = None, links: Sequence[Link] | None = None) -> Anchor:

@@ -1,14 +1,21 @@
-"""A closed chain as a forest: a trunk's bodies first, then those of the arms in order, and the object last."""
+"""A closed chain as a forest: a trunk's bodies first, then those of the arms in order, and the objects last."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.model.closure import Closure
+from holdfast.model.coupling import Coupling
+from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.trunk import NAME as TRUNK
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
 
 if TYPE_CHECKING:
@@ -16,22 +23,29 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class ChainForest:
+class ChainForest(Frozen):
     """The forest of a chain, and where its parts are in it.
 
     Attributes:
         forest: the forest; force elements, whose wrenches follow from the state, are no part of it.
         trunk: the bodies of the trunk, beginning with a floating base.
         arms: by name, the bodies of every arm; none for an anchor.
-        held_object: the object's body.
-        closures: by the name of an arm, the closure of its grasp; none for a bushing.
+        objects: by name, the body of every object.
+        closures: by the name of an arm, or arm and frame, the closure of its grasp, and by its name that of a loop;
+            none for a bushing.
     """
 
     forest: Forest
     trunk: range
     arms: Mapping[str, range]
-    held_object: int
-    closures: Mapping[str, int]
+    objects: Mapping[str, int]
+    closures: Mapping[Any, int]
+
+    @property
+    def held_object(self) -> int:
+        """The body of the only object."""
+        (held,) = self.objects.values()
+        return held
 
 
 def chain_forest(chain: ClosedChain) -> ChainForest:
@@ -41,41 +55,112 @@ def chain_forest(chain: ClosedChain) -> ChainForest:
 
     Args:
         chain: the chain.
+
+    Raises:
+        ModelError: a grasp, loop or coupling names a frame, object or joint that the chain does not have.
     """
     bodies: list[ForestBody] = []
-    closures: list[Closure] = []
     arms: dict[str, range] = {}
-    closed: dict[str, int] = {}
     trunk = chain.trunk
     if trunk is not None:
         if trunk.floating is not None:
             bodies.append(ForestBody(trunk.floating, BodyJoint("free")))
-        base = Pose.identity() if trunk.floating is not None else trunk.base
-        bodies += _serial(trunk.joints, trunk.links, base, 0 if bodies else None, len(bodies))
+        base, on = Pose.identity() if trunk.floating is not None else trunk.base, 0 if bodies else None
+        serial = (None, *range(len(trunk.joints)))[:-1]
+        bodies += _on_joints(trunk.joints, trunk.links, serial, base, on, len(bodies))
     first = len(bodies)
     stands = {name: chain.mounted_on.get(name) for name in chain.arms}
     for name, arm in chain.arms.items():
         start = len(bodies)
-        bodies += _serial(arm.joints, arm.links, arm.base, stands[name], start)
+        bodies += _on_joints(arm.joints, arm.links, arm.parent_of, arm.base, stands[name], start)
         arms[name] = range(start, len(bodies))
-    held, last = len(bodies), chain.held_object
-    bodies.append(ForestBody(Link(last.mass, last.com, last.inertia, "object", last.physical), BodyJoint("free")))
-    for name, grasp in chain.grasps.items():
-        if grasp.of_kind.bushing is None:
-            arm, own = chain.arms[name], arms[name]
+    objects = {name: len(bodies) + k for k, name in enumerate(chain.free_objects)}
+    for name, one in chain.free_objects.items():
+        bodies.append(ForestBody(Link(one.mass, one.com, one.inertia, name, one.physical), BodyJoint("free")))
+
+    def end(given: Any, what: str) -> tuple[int | None, Pose]:
+        """Return the body of an end of a loop, and the pose of its frame on it."""
+        if given is None or given in objects:
+            return None if given is None else objects[given], Pose.identity()
+        arm, _, frame = str(given).partition("/")
+        if trunk is not None and arm == TRUNK:
+            return trunk.body(frame, what), Pose.identity()
+        if arm not in arms or not frame:
+            ends = [*objects, *(f"{one}/{link.name}" for one, found in chain.arms.items() for link in found.links)]
+            raise ModelError(f"{what}: no '{given}'.{checks.did_you_mean(str(given), ends)}")
+        link, at = chain.arms[arm].frame(frame, what)
+        return arms[arm][link], at
+
+    closures: list[Closure] = []
+    closed: dict[Any, int] = {}
+    for key, grasp in chain.grasps.items():
+        if grasp.of_kind.bushing is not None and not chain.beyond_serial:
+            continue
+        name, frame = (key, None) if isinstance(key, str) else key
+        arm, own = chain.arms[name], arms[name]
+        if frame is not None:
+            link, tip = arm.frame(frame, f"grasp {key}")
+            a: int | None = own[link]
+        elif arm.parents:
+            frames = [*arm.frames, *filter(None, (link.name for link in arm.links))]
+            raise ModelError(
+                f"grasp '{name}': expected a link or frame of an arm with branches, as ('{name}', frame)."
+                f"{checks.did_you_mean('', frames)}"
+            )
+        else:
             a, tip = (own[-1], arm.tip) if own else (stands[name], arm.base @ arm.tip)
-            closed[name] = len(closures)
-            closures.append(Closure(a, held, grasp, tip))
-    return ChainForest(Forest(bodies, closures, (), chain.gravity), range(first), arms, held, closed)
+        closed[key] = len(closures)
+        closures.append(Closure(a, objects[chain.held_by(grasp, key)], grasp, tip, f"grasp {key!r}"))
+
+    def within(arm: str, given: Any, what: str) -> tuple[int | None, Pose]:
+        """Return the body of an end of an arm's own loop, likewise."""
+        if given is None:
+            return stands[arm], chain.arms[arm].base
+        link, at = chain.arms[arm].frame(given, what)
+        return arms[arm][link], at
+
+    every = [
+        (f"{arm}/{name}", loop, partial(within, arm))
+        for arm, of in chain.arms.items()
+        for name, loop in of.loops.items()
+    ]
+    for name, loop, found in [*every, *((name, loop, end) for name, loop in chain.loops.items())]:
+        (a, at_a), (b, at_b) = (found(getattr(loop, side), f"loop '{name}': {side}") for side in ("a", "b"))
+        if b is None or a == b:
+            raise ModelError(
+                f"loop '{name}': expected two bodies, or None for the world as a, got {loop.a!r}, {loop.b!r}"
+            )
+        closed[name] = len(closures)
+        grasp = loop.grasp.standing_at(at_b @ loop.grasp.frame)
+        closures.append(Closure(a, b, grasp, at_a @ loop.tip, f"loop '{name}'"))
+    places = [k for k in range(len(bodies) - len(objects)) if not (k == 0 and chain.floats)]
+    joints = dict(zip(chain.joint_names(), places, strict=True))
+    couplings = [_coupling(one, joints) for one in chain.all_couplings]
+    return ChainForest(Forest(bodies, closures, couplings, chain.gravity), range(first), arms, objects, closed)
 
 
-def _serial(
-    joints: Sequence[Joint], links: Sequence[Link], base: Pose, parent: int | None, first: int
+def _coupling(coupling: Coupling, joints: Mapping[str, int]) -> JointCoupling:
+    """Return a coupling by bodies."""
+    for name in coupling.terms:
+        if name not in joints:
+            raise ModelError(f"coupling: no joint '{name}'.{checks.did_you_mean(name, joints)}")
+    terms = [(joints[name], 0, c) for name, c in coupling.terms.items()]
+    return JointCoupling(terms, coupling.offset, f"coupling of {' and '.join(map(repr, coupling.terms))}")
+
+
+def _on_joints(
+    joints: Sequence[Joint],
+    links: Sequence[Link],
+    parents: Sequence[int | None],
+    base: Pose,
+    parent: int | None,
+    first: int,
 ) -> list[ForestBody]:
-    """Return the bodies of a serial chain, of which the first has the index `first`."""
+    """Return the bodies of a tree on a base that is fixed to `parent`; the first of them has the index `first`."""
     bodies = []
-    for k, (joint, link) in enumerate(zip(joints, links, strict=True)):
-        placement = joint.placement if k else base @ joint.placement
-        own = BodyJoint(joint.kind, placement, joint.axis, armature=joint.armature, damping=joint.damping)
-        bodies.append(ForestBody(link, own, first + k - 1 if k else parent))
+    for joint, link, on in zip(joints, links, parents, strict=True):
+        placement = joint.placement if on is not None else base @ joint.placement
+        given = {"pitch": joint.pitch, "armature": joint.armature, "damping": joint.damping}
+        own = BodyJoint(joint.kind, placement, joint.axis, **given, actuated=joint.actuated)
+        bodies.append(ForestBody(link, own, parent if on is None else first + on))
     return bodies

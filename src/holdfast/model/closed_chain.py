@@ -1,10 +1,11 @@
-"""The closed chain: arms, the object that they hold, and the grasps between them."""
+"""The closed chain: arms, the object or objects that they hold, grasps, inner loops and couplings of joints."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +13,11 @@ from holdfast import outer
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.model.chain_forest import chain_forest
-from holdfast.model.fingerprint import ADDED
-from holdfast.model.force_element import ForceElement
+from holdfast.model.chain_forest import ChainForest, chain_forest
+from holdfast.model.closure import Closure, checked_loops
+from holdfast.model.coupling import Coupling, checked_couplings
+from holdfast.model.fingerprint import ADDED, OMITTED
+from holdfast.model.force_element import HELD_OBJECT, ForceElement
 from holdfast.model.forest import Forest
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
@@ -22,7 +25,7 @@ from holdfast.model.joint import Joint
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
 from holdfast.names import called
-from holdfast.spatial.frozen import ArrayField, Frozen, FrozenDict, frozen_property, making
+from holdfast.spatial.frozen import NOT_GIVEN, ArrayField, Frozen, FrozenDict, frozen_property, making
 from holdfast.spatial.scalar import Array
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
@@ -33,24 +36,34 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 class ClosedChain(Frozen):
     """Named arms that hold one object, in a fixed order, each on its own base or on a common trunk.
 
+    Arms may have branches, there may be several objects or none, loops inside and between arms, and couplings of
+    joints; docs/how_to/branches.md says what such chains can be asked.
+
     Attributes:
         arms: arms by name. Their order is that of every flat array, in which the trunk's joints come first.
-        held_object: the object.
-        grasps: grasps by arm name; an arm without one moves freely.
+        held_object: the object, whose name is "object".
+        grasps: grasps by arm name; an arm without one moves freely. The key (arm, frame) is a grasp by a link or a
+            further frame of the arm, for example by a finger.
         gravity: (3,) gravitational acceleration, world axes [m/s^2].
         trunk: the trunk on which the arms in `mounts` are mounted, or None.
         mounts: by arm name, the trunk's link on which the arm is mounted: its name or index, or "base" for a floating
             body. The base of such an arm is a pose relative to that link. The bases of other arms are in the world.
         springs: springs, or other force elements, between points of the world, links and the object.
+        objects: objects by name, which grasps hold by their field `of`.
+        loops: by name, closures between links, objects and the world other than grasps, beside those of the arms.
+        couplings: linear relations between joints, beside those of the arms: mimic joints, gears, locked joints.
     """
 
     arms: Mapping[str, Arm]
-    held_object: HeldObject
-    grasps: Mapping[str, Grasp]
+    held_object: HeldObject = NOT_GIVEN
+    grasps: Mapping[Any, Grasp] = field(default_factory=dict)
     gravity: ArrayField = field(default_factory=making(np.array, STANDARD_GRAVITY))
     trunk: Trunk | None = field(default=None, metadata=ADDED)
     mounts: Mapping[str, str | int] = field(default_factory=dict, metadata=ADDED)
     springs: Sequence[ForceElement] = field(default=(), metadata=ADDED)
+    objects: Mapping[str, HeldObject] = field(default_factory=dict, metadata=OMITTED)
+    loops: Mapping[str, Closure] = field(default_factory=dict, metadata=OMITTED)
+    couplings: Sequence[Coupling] = field(default=(), metadata=OMITTED)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -62,21 +75,106 @@ class ClosedChain(Frozen):
             checks.name(name, f"chain: name of arm {name!r}")
             if not isinstance(arm, Arm):
                 raise ModelError(f"arm '{name}': expected an Arm, got {type(arm).__name__}")
-        if not isinstance(self.held_object, HeldObject):
+        if not isinstance(self.held_object, HeldObject) and (
+            self.held_object is not None or (self.grasps and not self.objects)
+        ):
             raise ModelError(f"object: expected a HeldObject, got {type(self.held_object).__name__}")
-        for name, grasp in self.grasps.items():
+        for key, grasp in self.grasps.items():
+            name = _arm_of(key)
             if name not in self.arms:
                 raise ModelError(f"grasp '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
             if not isinstance(grasp, Grasp):
                 raise ModelError(f"grasp '{name}': expected a Grasp, got {type(grasp).__name__}")
         put(self, "arms", FrozenDict({name: replace(arm, name=name) for name, arm in self.arms.items()}))
-        put(self, "grasps", FrozenDict({name: self.grasps[name] for name in self.arms if name in self.grasps}))
+        order = [*self.arms]
+        keys = sorted(self.grasps, key=lambda key: order.index(_arm_of(key)))
+        put(self, "grasps", FrozenDict({key: self.grasps[key] for key in keys}))
         put(self, "gravity", checks.numbers(self.gravity, (3,), "chain: gravity"))
         if not isinstance(self.springs, Sequence) or not all(isinstance(one, ForceElement) for one in self.springs):
             raise ModelError(f"chain: springs: expected a list of Spring, got {checks.short(self.springs)}")
         self._check_trunk()
         put(self, "springs", tuple(spring.found(self.arms, self.trunk) for spring in self.springs))
         put(self, "mounts", FrozenDict({name: self.mounts[name] for name in self.arms if name in self.mounts}))
+        self._check_forest()
+
+    def _check_forest(self) -> None:
+        """Check objects, loops and couplings, and that a chain with such parts is a forest."""
+        given = self.objects
+        if not isinstance(given, Mapping) or not all(isinstance(one, HeldObject) for one in given.values()):
+            raise ModelError(f"chain: objects: expected a HeldObject by name, got {checks.short(given)}")
+        object.__setattr__(self, "objects", FrozenDict(given))
+        object.__setattr__(self, "loops", checked_loops(self.loops, "chain"))
+        object.__setattr__(self, "couplings", checked_couplings(self.couplings, "chain"))
+        if self.held_object is not None and HELD_OBJECT in self.objects:
+            raise ModelError(f"object '{HELD_OBJECT}': expected another name, as it is that of held_object")
+        taken = [*self.arms, TRUNK, *self.grasps]
+        for name in (*self.objects, *self.loops):
+            checks.name(name, f"chain: name of {name!r}")
+            if name in taken or (name in self.objects and name in self.loops):
+                raise ModelError(f"chain: '{name}': expected names of objects and loops that nothing else has")
+        if self.beyond_serial:
+            if self.springs or self.bushings:
+                what = "springs" if self.springs else "bushings"
+                raise ModelError(f"chain: {what}: expected none in a chain with {self.beyond_serial[0]}")
+            _ = self.as_forest  # raises an error if a name is unknown
+
+    @frozen_property
+    def beyond_serial(self) -> tuple[str, ...]:
+        """What the chain has beyond serial arms that hold one object; such a chain is answered as a forest."""
+        found = [f"branches in arm '{name}'" for name, arm in self.arms.items() if arm.parents]
+        for name, joint in zip(self.joint_names(), self.all_joints, strict=True):
+            if joint.type.quaternion or not joint.actuated:
+                found.append(f"the {joint.kind if joint.actuated else 'passive'} joint '{name}'")
+        found += [f"a grasp by {key!r}" for key in self.grasps if not isinstance(key, str)]
+        found += [
+            f"a loop '{name}'"
+            for name in (*(f"{x}/{y}" for x, arm in self.arms.items() for y in arm.loops), *self.loops)
+        ]
+        found += ["coupled joints"] if self.all_couplings else []
+        named = [key for key, grasp in self.grasps.items() if grasp.of not in (None, HELD_OBJECT)]
+        if self.objects or named:
+            found.append("objects with names")
+        elif self.held_object is None:
+            found.append("no held object")
+        return tuple(found)
+
+    @frozen_property
+    def all_couplings(self) -> tuple[Coupling, ...]:
+        """The couplings of the arms in order, with their joints as "arm/joint", and then those of the chain itself."""
+        own = [
+            Coupling({f"{name}/{joint}": c for joint, c in coupling.terms.items()}, coupling.offset)
+            for name, arm in self.arms.items()
+            for coupling in arm.couplings
+        ]
+        return *own, *self.couplings
+
+    @frozen_property
+    def free_objects(self) -> Mapping[str, HeldObject]:
+        """All objects by name, the held one first, as "object"."""
+        held = {} if self.held_object is None else {HELD_OBJECT: self.held_object}
+        return {**held, **self.objects}
+
+    def held_by(self, grasp: Grasp, key: Any) -> str:
+        """Return the name of the object that a grasp holds.
+
+        Args:
+            grasp: the grasp.
+            key: its key in `grasps`, for messages.
+
+        Raises:
+            ModelError: there is no such object, or the grasp does not say which.
+        """
+        known = self.free_objects
+        name = next(iter(known)) if grasp.of is None and (len(known) == 1 or HELD_OBJECT in known) else grasp.of
+        if name is None or name not in known:
+            hint = checks.did_you_mean(str(name), known) if name else f" Known: {', '.join(known)}."
+            raise ModelError(f"grasp {key!r}: of: expected the name of an object, got {name!r}.{hint}")
+        return name
+
+    @frozen_property
+    def as_forest(self) -> ChainForest:
+        """The chain's forest, and where its parts are in it."""
+        return chain_forest(self)
 
     def _check_trunk(self) -> None:
         """Check that the trunk and the mounts fit the arms."""
@@ -107,7 +205,7 @@ class ClosedChain(Frozen):
         head = "".join(f"<th>{title}</th>" for title in titles)
         body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self._table())
         table = f"<table><tr>{head}</tr>{body}</table>"
-        diagram = outer.chain_diagram(self)
+        diagram = "" if self.beyond_serial else outer.chain_diagram(self)
         return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:start">{table}{diagram}</div>'
 
     def _table(self) -> list[tuple[str, str, str, str]]:
@@ -118,12 +216,13 @@ class ClosedChain(Frozen):
             rows.append((TRUNK, _count(self.trunk.joint_count, "joint"), place, ""))
         for name, arm in self.arms.items():
             where = f"on {self.mounts[name]}" if name in self.mounts else f"base at {checks.place(arm.base.p)} m"
-            held = "holds nothing"
-            if (grasp := self.grasps.get(name)) is not None:
-                held = f"{grasp.kind} grasp" + ("" if grasp.contact is None else f" with friction {grasp.contact.mu}")
-            rows.append((name, _count(arm.joint_count, "joint") if arm.joints else "anchor", where, held))
-        mass = self.held_object.mass
-        rows.append(("object", f"{mass:.4g} kg" if isinstance(mass, float) else "", "", ""))
+            held = [_held(key, grasp) for key, grasp in self.grasps.items() if _arm_of(key) == name]
+            joints = _count(arm.joint_count, "joint") if arm.joints else "anchor"
+            rows.append((name, joints, where, "; ".join(held) or "holds nothing"))
+        for name, one in self.free_objects.items():
+            rows.append((name, f"{one.mass:.4g} kg" if isinstance(one.mass, float) else "", "", ""))
+        rows += [("loops", ", ".join(self.loops), "", "")] if self.loops else []
+        rows += [("couplings", str(len(self.all_couplings)), "", "")] if self.all_couplings else []
         if self.springs:
             rows.append(("springs", str(len(self.springs)), "", ""))
         return rows
@@ -135,11 +234,16 @@ class ClosedChain(Frozen):
 
     @frozen_property
     def joints(self) -> Mapping[str, slice]:
-        """The slice of each arm's joints in the flat arrays q, qd, tau; that of "trunk" comes first."""
-        counts = {} if self.trunk is None else {TRUNK: self.trunk.joint_count}
-        counts |= {name: arm.joint_count for name, arm in self.arms.items()}
-        ends = np.cumsum([*counts.values()])
-        return {name: slice(int(end) - n, int(end)) for (name, n), end in zip(counts.items(), ends, strict=True)}
+        """The slice of each arm's joints in the flat arrays q, qd, tau; that of "trunk" comes first.
+
+        With spherical joints it is that in qd, qdd and tau alone; see `positions`.
+        """
+        return _slices({name: sum(joint.type.freedoms for joint in of) for name, of in self.joints_of.items()})
+
+    @frozen_property
+    def positions(self) -> Mapping[str, slice]:
+        """The slice of each arm's joints in q, in which a spherical joint has four entries."""
+        return _slices({name: sum(joint.type.position_count for joint in of) for name, of in self.joints_of.items()})
 
     @property
     def arm_joints(self) -> list[slice]:
@@ -174,7 +278,7 @@ class ClosedChain(Frozen):
 
     @frozen_property
     def forest(self) -> Forest:
-        """The chain as a forest: the bodies of the trunk, those of the arms in order, and the object last.
+        """The chain as a forest: the bodies of the trunk, those of the arms in order, and the objects last.
 
         Raises:
             ModelError: springs or bushings act, which are no part of a forest yet.
@@ -184,14 +288,17 @@ class ClosedChain(Frozen):
                 "forest: expected a chain without springs and bushings, which are no part of a forest; try the chain"
                 " itself, for example forward_dynamics(chain, state, tau)"
             )
-        return chain_forest(self).forest
+        return self.as_forest.forest
 
     @frozen_property
     def joint_count(self) -> int:
-        """Number of joints n of the trunk and all arms, without a floating base."""
-        return sum(arm.joint_count for arm in self.arms.values()) + (
-            0 if self.trunk is None else self.trunk.joint_count
-        )
+        """Number of joints n of the trunk and all arms, without a floating base; a spherical joint counts three."""
+        return sum(joint.type.freedoms for joint in self.all_joints)
+
+    @frozen_property
+    def position_count(self) -> int:
+        """Length of q; the number of joints, with four for a spherical joint."""
+        return sum(joint.type.position_count for joint in self.all_joints)
 
     @frozen_property
     def contact_freedom_count(self) -> int:
@@ -258,6 +365,23 @@ class ClosedChain(Frozen):
         if name not in self.grasps:
             raise ModelError(f"grasp '{name}': no such grasp.{checks.did_you_mean(name, self.grasps)}")
         return replace(self, grasps={n: g for n, g in self.grasps.items() if n != name})
+
+
+def _arm_of(key: Any) -> Any:
+    """Return the name of the arm in a key of `grasps`."""
+    return key[0] if isinstance(key, tuple) and len(key) == 2 else key
+
+
+def _held(key: Any, grasp: Grasp) -> str:
+    """Return a grasp in words."""
+    by = "" if isinstance(key, str) else f"{key[1]}: "
+    of = "" if grasp.of is None else f" of {grasp.of}"
+    return f"{by}{grasp.kind} grasp{of}" + ("" if grasp.contact is None else f" with friction {grasp.contact.mu}")
+
+
+def _slices(counts: Mapping[str, int]) -> dict[str, slice]:
+    ends = np.cumsum([*counts.values()])
+    return {name: slice(int(end) - n, int(end)) for (name, n), end in zip(counts.items(), ends, strict=True)}
 
 
 def _count(number: int, what: str) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 # marks a field that was added in a later version; its default is not included, so that fingerprints do not change
 ADDED = {"added": True}
+OMITTED = {**ADDED, "omitted": True}  # the same, and the default is left out of files
 PICTURE = {"picture": True}  # marks a field without influence on results; it is not included
 
 
@@ -59,7 +60,7 @@ def _parts(value: Any, exact: bool) -> Iterator[bytes]:
         yield _name_of(type(value)).encode()
     if is_dataclass(value) and not isinstance(value, type):
         own = [(f, getattr(value, f.name)) for f in fields(value) if f.metadata != PICTURE]
-        value = {f.name: x for f, x in own if f.metadata != ADDED or not _same(x, f.default)}
+        value = {f.name: x for f, x in own if not f.metadata.get("added") or not is_default(x, f.default)}
     if isinstance(value, Mapping):
         yield b"{"
         for key, item in value.items():
@@ -80,7 +81,8 @@ def _parts(value: Any, exact: bool) -> Iterator[bytes]:
         raise TypeError(f"a {type(value).__name__} has no fingerprint")
 
 
-def _same(x: Any, default: Any) -> bool:
+def is_default(x: Any, default: Any) -> bool:
+    """Return whether a field has its default, or is an empty mapping."""
     if isinstance(x, Mapping):
         return not x
     return x is None or bool(np.array_equal(x, default))

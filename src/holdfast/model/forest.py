@@ -14,7 +14,7 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.grasp import Grasp
+from holdfast.model.closure import Closure
 from holdfast.model.joint_kinds import JOINT_KINDS, JointKind
 from holdfast.model.link import Link
 from holdfast.names import called
@@ -127,32 +127,6 @@ class ForestBody(Frozen):
 
 @called
 @dataclass(frozen=True, eq=False)
-class Closure(Frozen):
-    """A constraint between two bodies, or a body and the world: any grasp kind.
-
-    Body b is what a grasp holds, and body a what holds it: the wrench f is that of a on b, about the contact point.
-
-    Attributes:
-        a: index of the first body; None for the world.
-        b: index of the second body, in whose frame the contact frame of the grasp is given.
-        grasp: the kind of constraint, with the contact frame in the axes of b.
-        tip: pose of the frame on a that attaches to it, in the axes of a.
-    """
-
-    a: int | None
-    b: int
-    grasp: Grasp
-    tip: PoseField = field(default_factory=making(Pose.identity))
-
-    def __post_init__(self) -> None:
-        checks.instance(self.grasp, Grasp, "closure: grasp")
-        object.__setattr__(self, "tip", checks.pose(self.tip, "closure: tip"))
-        if self.grasp.of_kind.bushing is not None:
-            raise ModelError("closure: grasp: a bushing is no constraint; try its wrench as an external one")
-
-
-@called
-@dataclass(frozen=True, eq=False)
 class JointCoupling(Frozen):
     """A linear relation between joint rates, sum c qd = 0: a mimic joint, a gear, or a locked joint (one term).
 
@@ -161,12 +135,15 @@ class JointCoupling(Frozen):
     Attributes:
         terms: per joint, the index of its body, the component of its qd, and the coefficient c, which is not zero.
         offset: of the positions, sum c q = offset, which `forest_close` satisfies; None to keep the sum as it is.
+        name: name in messages.
     """
 
     terms: Sequence[tuple[int, int, float]]
     offset: float | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
+        checks.name(self.name, "coupling: name")
         found = []
         if not isinstance(self.terms, Sequence) or not self.terms:
             raise ModelError("coupling: terms: expected at least one (body, component, coefficient)")
@@ -253,7 +230,7 @@ class Forest(Frozen):
         return Topology(
             tuple(GROUND if body.parent is None else body.parent for body in self.bodies),
             tuple(body.joint.of_kind.floats for body in self.bodies),
-            tuple((GROUND if c.a is None else c.a, c.b) for c in self.closures),
+            tuple((GROUND if c.a is None else int(c.a), int(c.b)) for c in self.closures),
             tuple(tuple(sorted({body for body, _, _ in coupling.terms})) for coupling in self.couplings),
         )
 
@@ -276,6 +253,14 @@ class Forest(Frozen):
     def velocity_count(self) -> int:
         """Length n_v of qd, qdd and tau."""
         return self.velocities[-1].stop
+
+    def poses(self, q: Array) -> list[Pose]:
+        """Return the pose of every body's frame in the world at positions q (n_q,). O(bodies)."""
+        found: list[Pose] = []
+        for body, part in zip(self.bodies, self.positions, strict=True):
+            at = body.joint.placement @ Pose.unchecked(*body.joint.displacement(q[part]))
+            found.append(at if body.parent is None else found[body.parent] @ at)
+        return found
 
     @property
     def constraint_row_count(self) -> int:

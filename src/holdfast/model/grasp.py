@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.bushing import bushing
-from holdfast.model.fingerprint import ADDED
+from holdfast.model.fingerprint import ADDED, OMITTED
 from holdfast.model.grasp_kinds import GRASP_KINDS, GraspKind
 from holdfast.model.motion_subspace import motion_subspace
 from holdfast.names import called
@@ -109,6 +109,7 @@ class Grasp(Frozen):
             N/m].
         damping: C of a bushing, likewise. The dissipated power is V . C V with the rates V = [turn; slide] of the
             object relative to the tip at the contact's origin, tip axes [N m s, N s, N s/m]; None for no damping.
+        of: name of the object that is held; None for `held_object`, or for the only one.
     """
 
     kind: GraspName
@@ -119,8 +120,10 @@ class Grasp(Frozen):
     motion: OptionalArrayField = NOT_GIVEN
     stiffness: OptionalArrayField = field(default=NOT_GIVEN, metadata=ADDED)
     damping: OptionalArrayField = field(default=NOT_GIVEN, metadata=ADDED)
+    of: str | None = field(default=None, metadata=OMITTED)
 
     def __post_init__(self) -> None:
+        checks.instance(self.of, (str, type(None)), "grasp: of")
         if not isinstance(self.kind, str) or self.kind not in GRASP_KINDS:
             raise ModelError(
                 f"grasp: kind: expected one of {', '.join(GRASP_KINDS)}, got {checks.short(self.kind)}."

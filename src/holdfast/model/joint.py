@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.fingerprint import ADDED
+from holdfast.model.fingerprint import ADDED, OMITTED
 from holdfast.model.joint_types import JOINT_TYPES, JointType
 from holdfast.names import called
 from holdfast.spatial.frozen import ArrayField, Converted, Frozen, frozen_property, making
@@ -31,10 +31,13 @@ class Joint(Frozen):
     Prismatic: R = R_parent R0, p = p_parent + R_parent (p0 + R0 axis q).
     Other types of `JOINT_TYPES` combine both; see `JointType`. In an `Arm`, a joint with several degrees of freedom is
     replaced by as many joints, with massless links between them. Its limits, armature, damping, friction and spring are
-    then one value for all of them, or a sequence with one value each.
+    then one value for all of them, or a sequence with one value each. A planar joint shifts along two directions across
+    its axis, x and y for an axis along z, y and z for x, z and x for y, and then rotates about it. A spherical joint
+    has a unit quaternion wxyz in q and an angular velocity in the axes of its frame on the parent in qd; chains with
+    one are answered as forests (docs/how_to/branches.md).
 
     Attributes:
-        kind: "revolute" [rad] or "prismatic" [m].
+        kind: "revolute" [rad], "prismatic" [m], "screw" [rad], "cylindrical", "planar" or "spherical".
         axis: (3,) unit vector in the axes of the link that it moves.
         placement: pose of that link's frame at q = 0 in the parent frame (R0, p0).
         name: name in messages.
@@ -46,9 +49,11 @@ class Joint(Frozen):
         friction: Coulomb friction, >= 0 [N m or N]; used by simulation and identification only.
         stiffness: stiffness k of a spring in the joint with the torque -k (q - rest), >= 0 [N m/rad or N/m].
         rest: q at which that spring is slack [rad or m].
+        pitch: translation along the axis per radian, for a screw [m/rad].
+        actuated: False for a passive joint, whose torque is zero but for its spring and dampers.
     """
 
-    kind: Literal["revolute", "prismatic"] = "revolute"
+    kind: Literal["revolute", "prismatic", "screw", "cylindrical", "planar", "spherical"] = "revolute"
     axis: ArrayField = field(default_factory=making(np.array, [0.0, 0.0, 1.0]))
     placement: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
@@ -60,6 +65,8 @@ class Joint(Frozen):
     friction: float = 0.0
     stiffness: float = field(default=0.0, metadata=ADDED)
     rest: float = field(default=0.0, metadata=ADDED)
+    pitch: float | None = field(default=None, metadata=OMITTED)
+    actuated: bool = field(default=True, metadata=OMITTED)
 
     def __post_init__(self) -> None:
         checks.name(self.name, "joint: name")
@@ -68,6 +75,12 @@ class Joint(Frozen):
             expected = " or ".join(map(repr, JOINT_TYPES))
             raise ModelError(f"{label}: kind: expected {expected}, got {checks.short(self.kind)}")
         put = object.__setattr__
+        checks.instance(self.actuated, bool, f"{label}: actuated")
+        if self.type.threaded != (self.pitch is not None):
+            needed = "needs a pitch [m/rad]" if self.type.threaded else "has no pitch"
+            raise ModelError(f"{label}: pitch: a {self.kind} joint {needed}")
+        if self.pitch is not None:
+            put(self, "pitch", checks.number(self.pitch, f"{label}: pitch"))
         if self.type.parts:
             self._require_parts(label)
             return
@@ -87,6 +100,17 @@ class Joint(Frozen):
         if not low <= high:
             raise ModelError(f"{label}: position_limits: expected lower <= upper, got {low:g} and {high:g}")
         put(self, "position_limits", (low, high))
+        if self.type.quaternion:
+            given = [
+                name
+                for name in ("rate_limit", "effort_limit", "position_limits")
+                if np.isfinite(getattr(self, name)).any()
+            ]
+            given += [name for name in ("friction", "stiffness") if getattr(self, name)]
+            if given:
+                raise ModelError(
+                    f"{label}: {given[0]}: expected none for a {self.kind} joint, which has armature and damping only"
+                )
 
     @property
     def parts(self) -> tuple[Joint, ...]:
@@ -104,6 +128,7 @@ class Joint(Frozen):
                 f"{self.name}.{k + 1}" if self.name else "",
                 ranges[k],
                 **{name: values[k] for name, values in given.items()},
+                actuated=self.actuated,
             )
             for k, (kind, own_axis) in enumerate(chain)
         )
@@ -129,11 +154,16 @@ class Joint(Frozen):
         """Whether q is an angle [rad]; otherwise it is a length [m]."""
         return self.type.turns
 
+    @property
+    def travel(self) -> float:
+        """Translation of the link along the axis per unit of q [m/rad or 1]."""
+        return self.type.travel if self.pitch is None else self.pitch
+
     @frozen_property
     def motion_subspace(self) -> tuple[Any, Any]:
         """H^T = [h; s] in link axes: angular part (3,) and linear part (3,), None for a part that is zero."""
         h = self.axis if self.type.turns else None
-        return h, self.type.travel * self.axis if self.type.travel else None
+        return h, self.travel * self.axis if self.travel else None
 
     @frozen_property
     def rotation_parts(self) -> tuple[Array, Array, Array]:
@@ -148,7 +178,7 @@ class Joint(Frozen):
     @frozen_property
     def parent_shift(self) -> Array:
         """(3,) translation of the link per unit of q, in the parent's axes."""
-        return self.placement.R @ (self.type.travel * self.axis)
+        return self.placement.R @ (self.travel * self.axis)
 
 
 def _one_each(value: Any, count: int) -> list[Any]:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import wrong_call
 from holdfast.questions.arrays import ARRAYS, Shape, gradient_shapes, value_of
 from holdfast.questions.case import VariedCase
@@ -196,7 +197,7 @@ def asked_case(
 ) -> VariedCase:
     """Return the arguments of a call, by name, as a case; see `declare`."""
     chain = called["chain"]
-    checks.instance(chain, ClosedChain, "chain")
+    serial_chain(chain, "chain")
     if own is None:
         fields = {row.field: name for name, row in ARRAYS.items() if row.field}
         further = {name: x for name, x in called.items() if name not in ("chain", "state", "inputs") and x is not None}

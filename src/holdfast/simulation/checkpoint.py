@@ -187,13 +187,14 @@ def _grasp(given: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[str, 
     name = given["arm"]
     frame = Pose(np.array(arrays[f"grasps.{name}.R"]), np.array(arrays[f"grasps.{name}.p"]))
     contact, limits = (unpacked(given[part], arrays) for part in ("contact", "wrench_limits"))
+    of_kind: dict[str, Any] = {part: arrays.get(f"grasps.{name}.{part}") for part in _OF_GRASP}
     return name, Grasp(
         given["kind"],
         frame,
         None if contact is None else Friction(**contact),
         None if limits is None else WrenchLimits(**limits),
         given.get("pitch"),
-        *(arrays.get(f"grasps.{name}.{part}") for part in _OF_GRASP),
+        **of_kind,
     )
 
 

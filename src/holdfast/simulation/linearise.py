@@ -17,6 +17,7 @@ from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.simulation.environment import MOVING_BASES, BaseMotion, Environment
 from holdfast.simulation.rollout.traced_step import StepModel
@@ -143,7 +144,7 @@ def linearise(
     Reference:
         docs/theory/derivatives.md.
     """
-    checks.instance(chain, ClosedChain, "chain")
+    serial_chain(chain, "chain")
     checks.instance(state, State, "state", StateError)
     if step is None:
         if base_motion is not None:

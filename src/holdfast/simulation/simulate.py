@@ -29,6 +29,7 @@ from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.progress import of_time, reporting
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
@@ -153,7 +154,7 @@ def simulate(
         SingularChainError: the initial configuration is singular.
         ResultError: the folder is in use or cannot be written.
     """
-    checks.instance(chain, ClosedChain, "simulation: chain")
+    serial_chain(chain, "simulation: chain")
     checks.instance(state, State, "simulation: state", StateError)
     require_controller(controller)
     checks.name(name, "simulation: name")

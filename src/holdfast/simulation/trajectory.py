@@ -13,6 +13,7 @@ from holdfast.errors import ModelError, StateError
 from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.questions.arrays import ARRAYS, RAD, RATE, TORQUE, Row
 from holdfast.simulation.balance import WORK_TERMS, imbalance, momentum_imbalance
@@ -272,6 +273,7 @@ def require_run_of(chain: Any, run: Any) -> None:
     """
     if not isinstance(chain, ClosedChain):
         raise ModelError(f"chain: expected a ClosedChain, got a {type(chain).__name__}")
+    serial_chain(chain, "chain")
     if not isinstance(run, Trajectory):
         inside = "; try its .trajectory" if hasattr(type(run), "trajectory") else ""
         raise StateError(f"run: expected a Trajectory, as simulate returns it, got a {type(run).__name__}{inside}")

@@ -124,16 +124,33 @@ def forest_arguments(
     torque = none if tau is ... else checks.numbers(tau, n, "tau", StateError)
     pushed = np.zeros((len(forest.bodies), 6)) if wrenches is None else wrenches
     pushed = checks.numbers(pushed, (len(forest.bodies), 6), "wrenches", StateError)
-    return ForestArguments(forest, _positions(forest, q), rates, torque, pushed)
+    return ForestArguments(forest, forest_positions(forest, q), rates, torque, pushed)
 
 
 def solved_forest(
     given: ForestArguments, method: str = "sequential", check: bool = True
 ) -> tuple[ForestMotion, ForestSolution, ForestResult]:
     """Return the motion of a forest, its solution and what it means for users; see `forest_dynamics`."""
-    forest, motion = given.forest, given.motion({})
+    motion = given.motion({})
+    return motion, *solved_motion(motion, given.q, given.qd, method, check)
+
+
+@np.errstate(all="ignore")
+def solved_motion(
+    motion: ForestMotion, q: Array, qd: Array, method: str, check: bool
+) -> tuple[ForestSolution, ForestResult]:
+    """Return the solution of a forest in motion, and what it means for users.
+
+    Args:
+        motion: its motion.
+        q: (n_q,) its positions.
+        qd: (n_v,) its rates.
+        method: a key of `FOREST_METHODS`.
+        check: whether closures and couplings must be satisfied.
+    """
+    forest = motion.forest
     if check:
-        require_closed(motion, given.q, given.qd)
+        require_closed(motion, q, qd)
     found = FOREST_METHODS[method](motion)
     _require_inertia(forest, found)
     accelerations = [b.true_acceleration(x, forest.gravity) for b, x in zip(motion.bodies, found.beta, strict=True)]
@@ -146,6 +163,7 @@ def solved_forest(
     wrench, multipliers = found.wrenches, found.multipliers
     if not unique:
         wrench, multipliers = least_forces(motion, forest_rows(motion), wrench, multipliers, rank)
+        checks.finite(np.concatenate([*wrench, multipliers]), "the smallest forces")
     result = ForestResult(
         forest,
         np.concatenate(qdd),
@@ -158,19 +176,24 @@ def solved_forest(
         1.0 / float(found.weakest),
         method,
     )
-    return motion, found, result
+    return found, result
 
 
-def _positions(forest: Forest, q: ArrayLike) -> Array:
-    """Return checked positions with unit quaternions."""
+def forest_positions(forest: Forest, q: ArrayLike) -> Array:
+    """Return checked positions with unit quaternions.
+
+    Raises:
+        StateError: the shape is wrong, or a quaternion is not of unit length.
+    """
     found = np.array(checks.numbers(q, (forest.position_count,), "q", StateError))
     for k, (body, part) in enumerate(zip(forest.bodies, forest.positions, strict=True)):
         if body.joint.of_kind.pose:
             at = slice(part.start, part.start + 4)
             length = float(np.linalg.norm(found[at]))
             if abs(length - 1.0) > checks.ROTATION_TOLERANCE:
+                name = f"{k} '{body.link.name}'" if body.link.name else str(k)
                 raise StateError(
-                    f"q of body {k}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
+                    f"q of body {name}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
                 )
             found[at] /= length
     return found
@@ -198,11 +221,11 @@ def _require_satisfied(motion: ForestMotion, found: ForestSolution, rank: int) -
     for i, (closure, c, gap) in enumerate(zip(forest.closures, motion.closures, gaps, strict=True)):
         size = np.abs(c.on_b @ found.beta[closure.b]).sum() + np.abs(c.r).sum() + 1.0
         if np.abs(gap).max(initial=0.0) > CONTRADICTION * size:
-            _refuse_singular(forest, rank, f"closure {i}")
+            _refuse_singular(forest, rank, closure.name or f"closure {i}")
     for i, (coupling, gap) in enumerate(zip(forest.couplings, coupled, strict=True)):
         size = sum(abs(c * found.qdd[k][component]) for k, component, c in coupling.terms) + 1.0
         if abs(gap) > CONTRADICTION * size:
-            _refuse_singular(forest, rank, f"coupling {i}")
+            _refuse_singular(forest, rank, coupling.name or f"coupling {i}")
 
 
 def _refuse_singular(forest: Forest, rank: int, what: str) -> NoReturn:

@@ -61,15 +61,16 @@ def require_closed(motion: ForestMotion, q: Array, qd: Array) -> None:
     """
     limit = VELOCITY_TOLERANCE * max(1.0, float(np.linalg.norm(qd)))
     in_position, in_velocity = position_gaps(motion, q), velocity_gaps(motion, qd)
-    gaps = []
+    gaps, closures, couplings = [], motion.forest.closures, motion.forest.couplings
     for i, (gap, speed) in enumerate(zip(in_position.closures, in_velocity.closures, strict=True)):
         x, v = (float(np.abs(part).max(initial=0.0)) for part in (gap, speed))
         if not (x <= POSITION_TOLERANCE and v <= limit):
-            gaps.append(f"closure {i}: position gap {x:.3g} (m, rad), velocity gap {v:.3g} (m/s, rad/s)")
+            name = closures[i].name or f"closure {i}"
+            gaps.append(f"{name}: position gap {x:.3g} (m, rad), velocity gap {v:.3g} (m/s, rad/s)")
     for i, (x, v) in enumerate(zip(in_position.couplings, in_velocity.couplings, strict=True)):
         if not (abs(x) <= POSITION_TOLERANCE and abs(v) <= limit):
             of_position = f"position gap {x:.3g}, " if x else ""
-            gaps.append(f"coupling {i}: {of_position}rate {abs(v):.3g}")
+            gaps.append(f"{couplings[i].name or f'coupling {i}'}: {of_position}rate {abs(v):.3g}")
     if gaps:
         raise StateError(
             f"the state does not satisfy the forest: {'; '.join(gaps)}. Expected <= {POSITION_TOLERANCE:g} and <="

@@ -56,9 +56,10 @@ class FoldedChain:
         base: name of the base link.
         path: the joints from it to the tip link.
         on_base: poses in the base link's frame of the links that are fixed to it, by name.
-        bodies: the moving bodies, base to tip.
-        tip: pose of the tip link in the last body's frame.
+        bodies: the moving bodies, base to tip, and then those of branches.
+        tip: pose of the tip link in the frame of the last body on the path.
         floats: whether the base link is a free body.
+        parents: per body, the index of the body on which its joint is; None for the base.
     """
 
     base: str
@@ -67,6 +68,12 @@ class FoldedChain:
     bodies: tuple[WeldedBody, ...]
     tip: Pose
     floats: bool = False
+    parents: tuple[int | None, ...] = ()
+
+    @property
+    def joints(self) -> list[UrdfJoint]:
+        """The joints of the moving bodies."""
+        return [body.step.joint for body in self.bodies]
 
     @property
     def moving(self) -> tuple[LinkPoses, ...]:
@@ -92,13 +99,13 @@ def fold(base: str, path: list[PassedJoint], locks: Locks, *, floats: bool = Fal
         bodies.append(WeldedBody(step, placement, welded))
     passed = {step.joint.name for step in path}
     others = locks.others and floats  # joints on a fixed base do not matter
-    _weld_branches(on_base, passed, replace(locks, others=others))
+    weld_branches(on_base, passed, replace(locks, others=others))
     for body in bodies:
-        _weld_branches(body.links, passed, locks)
-    return FoldedChain(base, path, on_base, tuple(bodies), at, floats)
+        weld_branches(body.links, passed, locks)
+    return FoldedChain(base, path, on_base, tuple(bodies), at, floats, (None, *range(len(bodies)))[: len(bodies)])
 
 
-def _weld_branches(links: LinkPoses, passed: set[str], locks: Locks) -> None:
+def weld_branches(links: LinkPoses, passed: set[str], locks: Locks) -> None:
     """Add the links that are attached to those of a body by fixed and locked joints off the path."""
     waiting = list(links)
     while waiting:

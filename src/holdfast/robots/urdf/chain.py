@@ -15,7 +15,8 @@ from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.names import did_you_mean
 from holdfast.robots.notes import show_notes
-from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, welded_link
+from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, welded_link
+from holdfast.robots.urdf.branches import folded_arm, leaving_free, mimicry
 from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.path import (
     Locks,
@@ -40,6 +41,7 @@ class UrdfOptions(TypedDict, total=False):
 
     locked: Mapping[str, float] | None
     lock_others: bool
+    branches: bool
     mount: Any
     physical: bool
     xacro_args: Mapping[str, str] | None
@@ -84,6 +86,7 @@ def load_urdf(
     tip: str | None = None,
     locked: Mapping[str, float] | None = None,
     lock_others: bool = False,
+    branches: bool = False,
     mount: Any = None,
     physical: bool = True,
     xacro_args: Mapping[str, str] | None = None,
@@ -107,6 +110,9 @@ def load_urdf(
         tip: name of the link whose frame is the tip frame; by default the only end link.
         locked: positions of joints to lock [rad or m], by name. A joint that mimics a locked one is locked, too.
         lock_others: lock every other joint on the arm at 0, or at its limit nearest to 0.
+        branches: let the other joints on the arm move, as branches of it (`Arm.parents`), for example those of fingers;
+            without a tip, all joints beyond the base. A joint that mimics another is coupled to it (`Arm.couplings`),
+            and every link's frame has its name (`Arm.frames`). Such a chain answers `forward_dynamics`.
         mount: pose of the base link in the world (a Pose or wxyz_xyz); by default the world frame.
         physical: False accepts principal moments that no mass distribution has, and gives weight to links for which the
             file switches gravity off.
@@ -124,7 +130,7 @@ def load_urdf(
         MissingExtra: the file is a `.xacro` file, and xacrodoc is not installed.
     """
     options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
-    options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
+    options |= {"branches": branches, "xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
     chain = urdf_chain(path_or_text, base=base, tip=tip, **options)
     show_notes(chain.arm.notes)
     return chain.arm
@@ -136,6 +142,7 @@ def load_urdf_arms(
     *,
     locked: Mapping[str, float] | None = None,
     lock_others: bool = False,
+    branches: bool = False,
     mount: Any = None,
     physical: bool = True,
     xacro_args: Mapping[str, str] | None = None,
@@ -154,7 +161,8 @@ def load_urdf_arms(
         path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).
         arms: names of base and tip link, by arm.
         locked: as for `load_urdf`, for all arms.
-        lock_others: as for `load_urdf`.
+        lock_others: as for `load_urdf`; joints that are branches of an arm are not locked.
+        branches: as for `load_urdf`.
         mount: pose of the file's root link in the world (a Pose or wxyz_xyz); by default the world frame.
         physical: as for `load_urdf`.
         xacro_args: as for `load_urdf`.
@@ -168,7 +176,7 @@ def load_urdf_arms(
         SceneError, ModelError, MissingExtra: as for `load_urdf`.
     """
     options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
-    options |= {"xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
+    options |= {"branches": branches, "xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
     chains = urdf_chains(path_or_text, arms, **options)
     show_notes(note for chain in chains.values() for note in chain.arm.notes)
     return {name: chain.arm for name, chain in chains.items()}
@@ -193,10 +201,16 @@ def urdf_chain(
         SceneError, ModelError, MissingExtra: as for `load_urdf`.
     """
     robot = read_robot(path_or_text, options)
-    start, end = ends(robot, base, tip, checked_locks(robot, options.get("locked")))
+    branches = bool(options.get("branches"))
+    if branches and tip is None:
+        start = end = robot.root if base is None else known_link(robot, base, "base")
+    else:
+        start, end = ends(robot, base, tip, checked_locks(robot, options.get("locked")))
     path = path_between(robot, start, end)
     locks = locks_of(robot, [path], options)
-    folded = fold(start, path, locks)
+    if branches:
+        locks = leaving_free(locks, [(start, path)] if path else None)
+    folded = folded_arm(start, path, locks, branches=branches)
     chain_checks.refuse_loose(locks, chain_checks.hanging(locks, folded))
     return _alone(locks, folded, mount_of(options), options)
 
@@ -221,7 +235,10 @@ def urdf_chains(
     loose = chain_checks.shared(locks, ends_of)
     resting = {joint.name: resting_position(joint) for joint, _ in loose}
     held_too = replace(locks, given={**resting, **locks.given})  # so that one error lists all that still moves
-    folds = {name: fold(base, paths[name], held_too) for name, (base, _) in ends_of.items()}
+    branches = bool(options.get("branches"))
+    if branches:
+        held_too = leaving_free(held_too, [(base, paths[name]) for name, (base, _) in ends_of.items()])
+    folds = {name: folded_arm(base, paths[name], held_too, branches=branches) for name, (base, _) in ends_of.items()}
     loose += [one for folded in folds.values() for one in chain_checks.hanging(held_too, folded)]
     chain_checks.refuse_loose(locks, loose)
     mount, chains = mount_of(options), {}
@@ -284,7 +301,7 @@ def locks_of(robot: UrdfRobot, paths: Collection[list[PassedJoint]], options: Ur
     passed = frozenset(step.joint.name for path in paths for step in path)
     locks = Locks(robot, checked_locks(robot, options.get("locked")), bool(options.get("lock_others")), passed)
     for path in paths:
-        chain_checks.refuse_unsupported(locks, path)
+        chain_checks.refuse_unsupported(locks, path, coupled=bool(options.get("branches")))
     return locks
 
 
@@ -314,9 +331,14 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
     visuals, unread = visuals_of_bodies(robot, bodies)
     joints, links, changed = joints_and_links(robot, folded, options)
     inside = {name for links in bodies for name in links}
-    locked, notes, frames = chain_checks.read_within(locks, folded)
+    locked, notes, massless = chain_checks.read_within(locks, folded)
     notes += [*changed, *unread]
-    arm = Arm(joints, links, _plain(folded.tip), mount, robot.name, visuals, notes)
+    arm = Arm(joints, links, Pose.identity(), mount, robot.name, visuals, notes, folded.parents)
+    if options.get("branches"):
+        frames = {name: (k, _plain(at)) for k, body in enumerate(folded.bodies) for name, at in body.links.items()}
+        arm = replace(arm, frames=frames, couplings=mimicry(robot, folded.joints))
+    if not arm.parents:
+        arm = arm.with_tip(_plain(folded.tip))
     tip_note = chain_checks.tip_note_of(robot, arm, tip, folded)
     return UrdfChain(
         arm=arm,
@@ -326,7 +348,7 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
         locked=locked,
         bodies=bodies,
         elsewhere=tuple(name for name in robot.links if name not in inside),
-        notes=(*notes, *frames, *([tip_note] if tip_note else [])),
+        notes=(*notes, *massless, *([tip_note] if tip_note else [])),
         tip_note=tip_note,
     )
 

@@ -16,7 +16,7 @@ from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots.urdf.bodies import FoldedChain, moving_branches
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint, path_between, resting_position
-from holdfast.robots.urdf.robot import MOVABLE, WORLD_LINK, UrdfJoint, UrdfRobot
+from holdfast.robots.urdf.robot import MOVABLE, WORLD_LINK, UrdfCoupling, UrdfJoint, UrdfRobot
 
 MOST_REASONS = 8  # reasons in one message
 MOST_HELD = 40  # joints in the advice of one message
@@ -24,8 +24,8 @@ SAME_PLACE = 1e-6  # [m] distance below which the origins of two frames are at t
 UPRIGHT = 0.1  # [rad] largest angle between z and the direction to the tip
 
 
-def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
-    """Refuse joints on the path with several degrees of freedom, and joints that mimic others."""
+def refuse_unsupported(locks: Locks, path: list[PassedJoint], *, coupled: bool = False) -> None:
+    """Refuse joints on the path with several degrees of freedom and, unless they are `coupled`, that mimic others."""
     for joint, down in path:
         if not joint.is_fixed and joint.kind not in MOVABLE:
             end, link = ("base", joint.child) if down else ("tip", joint.child)
@@ -34,13 +34,13 @@ def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
                 f" try {end}={quoted(link)}"
             )
     following = [joint for joint, _ in path if joint.mimic is not None and locks.position(joint) is None]
-    if following:
+    if following and not coupled:
         mimic, others = following[0].mimic, listed(joint.name for joint in following[1:])
         assert mimic is not None
         raise following[0].element.refuse(
             f"mimic: expected joints that move independently, got one that follows {quoted(mimic.joint)}"
             f"{', which moves, so that lock_others does not lock it' if locks.others else ''}"
-            f"{f', and {others}' if following[1:] else ''}; try {_held(following)}"
+            f"{f', and {others}' if following[1:] else ''}; try {held_argument(following)}"
         )
 
 
@@ -60,7 +60,8 @@ def hanging(
     locks: Locks, folded: FoldedChain, what: str = "arm", passed: Container[str] | None = None
 ) -> list[LooseJoint]:
     """Return the joints that move links on an arm or a trunk but are not on its path."""
-    passed = {joint.name for joint, _ in folded.path} if passed is None else passed
+    if passed is None:
+        passed = {joint.name for joint, _ in folded.path} | {joint.name for joint in folded.joints}
     found = []
     for joint in (joint for links in folded.moving for joint in moving_branches(links, passed, locks)):
         why = f"moves link {quoted(joint.child)}, which hangs on the {what} but is not between base and tip"
@@ -111,10 +112,10 @@ def _advice(locks: Locks, loose: list[LooseJoint]) -> str:
     joints = {one.joint.name: one.joint for one in loose}
     free = [joint for joint in joints.values() if joint.mimic is None or joint.mimic.joint not in joints]
     own = any(joint.name in locks.on_path or joint.mimic is not None for joint in free)  # not locked by `lock_others`
-    return f"try {_held(free)}" + ("" if own else " or lock_others=True")
+    return f"try {held_argument(free)}" + ("" if own else " or lock_others=True")
 
 
-def _held(joints: list[UrdfJoint]) -> str:
+def held_argument(joints: list[UrdfJoint]) -> str:
     """Return the argument `locked=` for joints at their default positions, as code."""
     held = ", ".join(f"{quoted(joint.name)}: {resting_position(joint)!r}" for joint in joints[:MOST_HELD])
     return f"locked={{{held}{', ...' if len(joints) > MOST_HELD else ''}}}"
@@ -158,7 +159,7 @@ def _locked_notes(locks: Locks, within: list[UrdfJoint]) -> list[str]:
 
 def tip_note_of(robot: UrdfRobot, arm: Arm, tip: str, folded: FoldedChain) -> str:
     """Return the note on a tip whose z axis does not point out of the hand, with better links at this place, or ''."""
-    if not (advice := tip_advice(arm)):
+    if arm.parents or not (advice := tip_advice(arm)):
         return ""
     better = [
         f"tip={quoted(name)}"
@@ -190,6 +191,9 @@ def coupling_notes(
         places = {world if link == WORLD_LINK and link not in at else at.get(link, -1) for link in coupling.links}
         moving = {k for k in places if k > 0 or (floats and k == 0)}
         acts = any(joint in joints for joint in coupling.joints)
+        if _is_mimicked(robot, coupling):
+            notes.append(coupling.element.message("not read, since the joints between its links mimic one of them"))
+            continue
         if acts or (moving and len(places) > 1) or len(coupling.links | coupling.joints) < 2:
             ends = " and ".join(quoted(one) for one in sorted(coupling.links or coupling.joints)) or "no known link"
             raise coupling.element.refuse(
@@ -201,3 +205,12 @@ def coupling_notes(
                 coupling.element.message("not read, since it has no effect between links that are locked together")
             )
     return notes
+
+
+def _is_mimicked(robot: UrdfRobot, coupling: UrdfCoupling) -> bool:
+    """Return whether one joint moves all joints between two links, which a loop between them only says again."""
+    if len(coupling.links) != 2 or coupling.joints or WORLD_LINK in coupling.links:
+        return False
+    between = [joint for joint, _ in path_between(robot, *sorted(coupling.links)) if not joint.is_fixed]
+    followed = {joint.mimic.joint if joint.mimic is not None else joint.name for joint in between}
+    return len(between) > 1 and len(followed) == 1

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from holdfast.errors import SceneError
 from holdfast.robots.urdf.attributes import parsed
 from holdfast.robots.urdf.document import Element, quoted
-from holdfast.robots.urdf.robot import MOVABLE, PLANAR, WORLD_LINK, Coupling, UrdfJoint, UrdfLink
+from holdfast.robots.urdf.robot import MOVABLE, PLANAR, WORLD_LINK, UrdfCoupling, UrdfJoint, UrdfLink
 from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, is_off, of_drive, text_of
 
 GAZEBO_QUANTITIES = {
@@ -55,7 +55,7 @@ class Extensions:
     weights: dict[str, list[tuple[float, Element]]] = field(default_factory=dict)
     faults: dict[str, SceneError] = field(default_factory=dict)
     notes: dict[str, list[str]] = field(default_factory=dict)
-    couplings: list[Coupling] = field(default_factory=list)
+    couplings: list[UrdfCoupling] = field(default_factory=list)
 
     def note(self, about: str, notes: Iterable[str]) -> None:
         """Keep notes on a link or joint, or on the robot if it has none of that name."""
@@ -80,7 +80,7 @@ class Extensions:
             named.update(one.stray)
         named = {name.rpartition("::")[2] for name in named}  # SDF puts the model before it
         links = {self.frames.get(name, name) for name in named} & {*self.links, WORLD_LINK}
-        self.couplings.append(Coupling(element, frozenset(links), frozenset(named & self.joints.keys())))
+        self.couplings.append(UrdfCoupling(element, frozenset(links), frozenset(named & self.joints.keys())))
 
 
 def gazebo(found: Extensions, element: Element) -> None:

@@ -134,7 +134,7 @@ class UrdfJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Coupling:
+class UrdfCoupling:
     """An element that couples bodies beyond the tree: a loop, a spring between links, a drive of several joints.
 
     Attributes:
@@ -172,7 +172,7 @@ class UrdfRobot:
     notes: tuple[str, ...]
     folder: str = ""
     packages: Mapping[str, str] = field(default_factory=FrozenDict)
-    couplings: tuple[Coupling, ...] = ()
+    couplings: tuple[UrdfCoupling, ...] = ()
 
     @cached_property
     def joint_above(self) -> Mapping[str, UrdfJoint]:

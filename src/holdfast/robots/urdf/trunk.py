@@ -12,6 +12,7 @@ from holdfast.model.trunk import BASE, Trunk
 from holdfast.robots.arms_on_trunk import ArmsOnTrunk, branching, mount_name, shared_counts
 from holdfast.robots.notes import show_notes
 from holdfast.robots.urdf.bodies import FoldedChain, fold, welded_link
+from holdfast.robots.urdf.branches import folded_arm, leaving_free
 from holdfast.robots.urdf.chain import (
     UrdfChain,
     UrdfOptions,
@@ -125,10 +126,19 @@ def urdf_trunk(
             f"tips: expected a joint that moves two of the arms, got none between base {quoted(start)} and the tips;"
             f" try load_urdf_arms with {{{pairs}}}, or floating=True"
         )
+    if options.get("branches"):
+        own = {name: path[len(_until(path, shared[name])) :] for name, path in paths.items()}
+        roots = {name: shared[name][-1].beyond if shared[name] else start for name in paths}
+        locks = leaving_free(locks, [(roots[name], path) for name, path in own.items()])
     longest = max(shared, key=lambda name: len(shared[name]))
     common = fold(start, _until(paths[longest], shared[longest]), locks, floats=floats)
     folds = {
-        name: fold(shared[name][-1].beyond if shared[name] else start, path[len(_until(path, shared[name])) :], locks)
+        name: folded_arm(
+            shared[name][-1].beyond if shared[name] else start,
+            path[len(_until(path, shared[name])) :],
+            locks,
+            branches=bool(options.get("branches")),
+        )
         for name, path in paths.items()
     }
     loose = hanging(locks, common, "trunk", locks.on_path | _floating_above(robot, start))

@@ -9,6 +9,7 @@ from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_t
 from holdfast.control.traced_law import law_of, require_function
 from holdfast.errors import ModelError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs, take_state
 from holdfast.simulation.rollout.arguments import require_free_names
 from holdfast.simulation.rollout.rollout import Rollout
@@ -61,6 +62,7 @@ def compile_rollout(
         raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
     if not isinstance(chain, ClosedChain):
         raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
+    serial_chain(chain, "rollout: chain")
     require_rank(generic_rank, chain, "rollout")
     traced = held_torques(chain.joint_count) if law is None else _traced(law, chain)
     if law is not None:

@@ -1,0 +1,38 @@
+"""The one place that refuses chains with branches, loops, couplings or several objects where they are not answered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from holdfast.errors import MethodNotApplicable
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+
+ANSWERED = "forward_dynamics and close"  # what such chains can be asked
+
+
+def serial_chain(value: Any, what: str) -> None:
+    """Check that a value is a chain of serial arms that hold one object, which is what most questions are about.
+
+    Raises:
+        ModelError: it is no chain.
+        MethodNotApplicable: it is a chain that is answered as a forest; the message says why, and what it can be asked.
+    """
+    checks.instance(value, ClosedChain, what)
+    if value.beyond_serial:
+        more = f" and {len(value.beyond_serial) - 1} more" if len(value.beyond_serial) > 1 else ""
+        raise MethodNotApplicable(
+            f"{what}: expected serial arms that hold one object, got a chain with {value.beyond_serial[0]}{more}; such"
+            f" a chain answers {ANSWERED} today"
+        )
+
+
+def require_unused(**given: bool) -> None:
+    """Refuse arguments that the answer of a forest does not use.
+
+    Raises:
+        MethodNotApplicable: one is given; the message names it.
+    """
+    for name, used in given.items():
+        if used:
+            raise MethodNotApplicable(f"{name}: expected its default for a chain that is answered as a forest")

@@ -1,0 +1,85 @@
+"""Everything public that takes a chain or an arm answers one with branches, or refuses it by name."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from tests.surface import PUBLIC
+from tests.systems.branched import Branched, two_arms_with_grippers
+
+ANSWERED = {"ClosedChain", "close", "forward_dynamics", "dynamics.link_poses"}
+# results, which functions of this register make
+RESULTS = {
+    "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
+    "identification.Identification",
+    "planning.JointPath", "simulation.Rollout", "simulation.RolloutSystems",
+}  # fmt: skip
+EXPECTED = "expected (serial arms that hold one object|a serial arm), got"
+
+
+def taken(of: Any, part: str) -> list[str]:
+    """Return the parameters of a call that are of a type."""
+    try:
+        parameters = inspect.signature(of).parameters.values()
+    except (TypeError, ValueError):
+        return []
+    return [one.name for one in parameters if part in str(one.annotation).replace("'", "").split(" | ")]
+
+
+def calls() -> dict[str, dict[str, Any]]:
+    """Return arguments of every public call that takes a chain or an arm, or a mapping of arms."""
+    p = two_arms_with_grippers()
+    arm, arms = p.chain.arms["arm1"], {**p.chain.arms}
+    found = {}
+    for path, of in PUBLIC.items():
+        if not callable(of) or path in RESULTS:
+            continue
+        given = dict.fromkeys(taken(of, "ClosedChain"), p.chain) | dict.fromkeys(taken(of, "Arm"), arm)
+        given |= dict.fromkeys(taken(of, "Mapping[str, Arm]"), arms)
+        if given:
+            found[path] = given | arguments(of, given, p)
+    return found
+
+
+def arguments(of: Any, given: dict[str, Any], p: Branched) -> dict[str, Any]:
+    """Return what else a call needs: sound where the chain decides its shape, else something that is never read."""
+    q = p.state.q[:8] if "arm" in given else p.state.q
+    known: dict[str, Any] = {"guess": p.state}
+    known |= {"state": p.state, "tau": p.tau, "q": q, "held_object": p.chain.held_object, "gain": 1.0, "payload": True}
+    known |= {
+        "grasps": {("arm2", "link6"): hf.Grasp("rigid")},
+        "sample_time": 1e-3,
+        "controller": lambda t, state, memory: (p.tau, memory),
+    }
+    needed = [
+        one
+        for one in inspect.signature(of).parameters.values()
+        if one.default is one.empty and one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL) and one.name not in given
+    ]
+    needed += [one for one in inspect.signature(of).parameters.values() if one.name == "payload"]
+    return {one.name: known.get(one.name, np.ones(3)) for one in needed}
+
+
+CALLS = calls()
+
+
+@pytest.mark.parametrize("path", CALLS)
+def test_answered_or_refused_by_name(path):
+    """No traceback, and no number that belongs to another chain."""
+    of, given = PUBLIC[path], CALLS[path]
+    if path in ANSWERED:
+        assert of(**given) is not None
+        return
+    with pytest.raises((hf.errors.MethodNotApplicable, hf.errors.ModelError), match=EXPECTED):
+        of(**given)
+
+
+def test_the_register_sees_what_takes_chains():
+    """Most of what is public takes a chain."""
+    assert {"compile", "simulate", "diagnose", "assemble", "close"} <= set(CALLS)
+    assert len(CALLS) > 60
