@@ -224,7 +224,7 @@ def tape() -> Iterator[Bar]:
     chain, state = rubber_pandas(0.8)
     lift = hf.control.RestToRest(state.object_frame, [0, 0, 0.1], duration=STEPS * STEP)
     motion = hf.control.ObjectImpedance(lift, [20.0] * 3 + [300.0] * 3, [8.0] * 3 + [60.0] * 3)
-    limits, cost = ForceLimits(0.335, least_margin=2.0), ForceCost(acceleration=1.0, barrier=1e-5)
+    limits, cost = ForceLimits(0.335, least_margin=2.0), ForceCost(barrier=1e-5)
     rollout = hf.compile_rollout(chain, hf.control.cooperative_law(chain, motion, limits=limits, cost=cost))
     random = np.random.default_rng(0)
     bar, begin = random.normal(size=chain.joint_count), np.repeat([0.05, 0.02], 3) * random.normal(size=6)

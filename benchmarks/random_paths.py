@@ -89,7 +89,7 @@ class Counts(NamedTuple):
 def law_of(chain: hf.ClosedChain) -> hf.ControlLaw:
     """Return the law."""
     limits = ForceLimits(SHARE, least_margin=MARGIN if holds_by_friction(chain) else None, sample_time=T)
-    cost = ForceCost(wrench=0.1, acceleration=1.0, task=TASK, price=PRICE)
+    cost = ForceCost(wrench=0.1, task=TASK, price=PRICE)
     return sampled(
         cooperative_law(chain, DrawnPath(), InternalForce(SQUEEZE), limits=limits, cost=cost), chain, sample_time=T
     )
