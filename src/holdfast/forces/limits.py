@@ -117,7 +117,7 @@ class ForceCost(Frozen):
     wish: OptionalArrayField = NOT_GIVEN
     joint_acceleration: OptionalArrayField = NOT_GIVEN
     task: float | None = None
-    price: float = 1e3
+    price: float = 1e4
     barrier: float = 0.0
 
     def __post_init__(self) -> None:
