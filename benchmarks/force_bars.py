@@ -133,10 +133,16 @@ def turning(chain: hf.ClosedChain, state: hf.State, step: int = 3, **asked: Any)
 def palm() -> Iterator[Bar]:
     """Yield how far torques step while three arms with a ball turn over, 3 degrees at a time."""
     chain, state = three_pandas()
-    step, margin = turning(chain, state, limits=ForceLimits(least_margin=0.5))
+    limits, free = ForceLimits(least_margin=0.5), ForceCost(acceleration=0.01)  # least effort, whatever moves
+    step, margin = turning(chain, state, limits=limits, cost=free)
     yield Bar("palm: largest step of a torque, least effort at 0.5 N margin [limits]", step, 0.02)
     yield Bar("palm: least margin [N]", margin, 0.5 - 1e-6, at_most=False)
-    print(f"      (the torques of the largest margin step by {turning(chain, state, form='margin')[0]:.2f})")
+    held = [hf.holding_torques(turned_over(chain, degrees), state) for degrees in range(0, 181, 3)]
+    gravity = np.abs(np.diff(held, axis=0) / efforts(chain)).max()
+    print(
+        f"      (steps of the largest margin {turning(chain, state, form='margin')[0]:.2f}; with the usual weight of joint"
+        f" accelerations {turning(chain, state, limits=limits)[0]:.3f}, of the torques that only hold {gravity:.3f})"
+    )
 
 
 def nearly_straight(bend: float) -> tuple[hf.ClosedChain, hf.State]:

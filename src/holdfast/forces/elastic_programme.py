@@ -259,7 +259,10 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
 
     scaled = maximum(coupling.first * left * reciprocal(1.0 + price), gap * reciprocal(1.0 + price * v))
     solved = where(coupling.barrier > 0.0, 0.0, SOLVED)
-    still = where(maximum(scaled, greatest([abs(missing)])) < solved, 0.0, still)
+    before = greatest([abs(missing)])
+    rest = missing + length * total(block.E @ step.x for block, (step, _) in zip(blocks, found, strict=True))
+    still = where(maximum(scaled, before) < solved, 0.0, still)
+    still = where(greatest([abs(rest)]) > maximum(before, SOLVED), 0.0, still)  # the step has lost its digits
     still = where(border.factors.kept < len(missing), 0.0, still)  # a pivot is lost in rounding: a step would be noise
     still = where(abs(dv) < LARGEST, still, 0.0)  # nor is a step that is not finite
     moves = still * length > 0.0
