@@ -262,7 +262,10 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
     before = greatest([abs(missing)])
     rest = missing + length * total(block.E @ step.x for block, (step, _) in zip(blocks, found, strict=True))
     still = where(maximum(scaled, before) < solved, 0.0, still)
-    still = where(greatest([abs(rest)]) > maximum(before, SOLVED), 0.0, still)  # the step has lost its digits
+    # nor is a step taken that breaks the rows where the gap has the digits of the cost, whose size may be large
+    cost = total(own.x @ (f.gradient + block.c) for block, own, f in zip(blocks, points, of, strict=True))
+    digits = where(gap < SOLVED * (1.0 + price * v + abs(cost)), 1.0, 0.0)
+    still = where(digits * greatest([abs(rest)]) > maximum(before, SOLVED), 0.0, still)
     still = where(border.factors.kept < len(missing), 0.0, still)  # a pivot is lost in rounding: a step would be noise
     still = where(abs(dv) < LARGEST, still, 0.0)  # nor is a step that is not finite
     moves = still * length > 0.0
