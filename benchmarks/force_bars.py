@@ -2,6 +2,7 @@
 
     python -m benchmarks.force_bars
 
+rest    accelerations of redundant joints of objects that stand still
 hand    the Allegro hand holds a ball while its palm turns over (`make robots` fetches its description)
 palm    steps of the torques while a hand turns over
 bends   torques beside their limits while an elbow is straightened
@@ -20,8 +21,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from tests.control.test_timed_path import two_ur5e
 from tests.control.three_pandas import three_pandas
-from tests.control.two_pandas import rubber_pandas
+from tests.control.two_pandas import rubber_pandas, two_pandas
 from tests.systems.as_chain import as_chain
 from tests.systems.special_systems import one_straight_arm_of_three
 
@@ -160,6 +162,28 @@ def excess(chain: hf.ClosedChain, found: Distribution) -> float:
     return float((np.abs(found.tau) / efforts(chain)).max()) - 1.0
 
 
+def rest() -> Iterator[Bar]:
+    """Yield how fast redundant joints accelerate where the object stands still, by the usual cost."""
+    grip, plain = ForceLimits(0.8, least_margin=2.0), ForceLimits(0.8)
+    chains = {
+        "two arms, soft fingers": (*rubber_pandas(0.8), grip),
+        "two arms, rigid": (*two_pandas(), plain),
+        "three arms": (*three_pandas(), grip),
+        "two 6-joint arms": (*two_ur5e(), grip),
+        "two arms on a platform": (*wheeled(), plain),
+    }
+    for name, (chain, state, limits) in chains.items():
+        state = state.at_rest()
+        found, free = (
+            distribute(chain, state, limits=limits, cost=ForceCost(acceleration=weight)) for weight in (1.0, 0.01)
+        )
+        used = [np.linalg.norm(one.tau / efforts(chain)) for one in (found, free)]
+        yield Bar(f"rest: {name}: largest joint acceleration [rad/s^2]", float(np.abs(found.qdd).max()), 0.05)
+        print(
+            f"      (with a weight of 0.01: {np.abs(free.qdd).max():.2g} rad/s^2; effort {used[0]:.3f}, {used[1]:.3f})"
+        )
+
+
 def bends() -> Iterator[Bar]:
     """Yield by how much torques pass their limits near singular postures, for the nearest acceleration and a share."""
     yielding, shares, missed, quick = [], [], [], []
@@ -271,7 +295,7 @@ def paths() -> Iterator[Bar]:
 def main() -> int:
     """Print every number beside its bound; return 1 if one is missed."""
     missed = 0
-    for task in (hand, palm, bends, tray, tape, paths):
+    for task in (rest, hand, palm, bends, tray, tape, paths):
         for bar in task():
             print(bar, flush=True)
             missed += not bar.met
