@@ -141,9 +141,10 @@ def palm() -> Iterator[Bar]:
     yield Bar("palm: least margin [N]", margin, 0.5 - 1e-6, at_most=False)
     held = [hf.holding_torques(turned_over(chain, degrees), state) for degrees in range(0, 181, 3)]
     gravity = np.abs(np.diff(held, axis=0) / efforts(chain)).max()
+    usual, largest = turning(chain, state, limits=limits)[0], turning(chain, state, form="margin")[0]
     print(
-        f"      (steps of the largest margin {turning(chain, state, form='margin')[0]:.2f}; with the usual weight of joint"
-        f" accelerations {turning(chain, state, limits=limits)[0]:.3f}, of the torques that only hold {gravity:.3f})"
+        f"      (steps by the usual cost {usual:.3f}, of the torques that only hold {gravity:.3f}, of the largest margin"
+        f" {largest:.2f})"
     )
 
 
