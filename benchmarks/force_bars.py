@@ -143,8 +143,8 @@ def palm() -> Iterator[Bar]:
     gravity = np.abs(np.diff(held, axis=0) / efforts(chain)).max()
     usual, largest = turning(chain, state, limits=limits)[0], turning(chain, state, form="margin")[0]
     print(
-        f"      (steps by the usual cost {usual:.3f}, of the torques that only hold {gravity:.3f}, of the largest margin"
-        f" {largest:.2f})"
+        f"      (steps by the usual cost {usual:.3f}, of the torques that only hold {gravity:.3f}, of the largest"
+        f" margin {largest:.2f})"
     )
 
 
