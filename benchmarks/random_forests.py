@@ -21,7 +21,7 @@ from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.forest_dynamics import ForestResult, forest_dynamics
 from holdfast.errors import SingularChainError
 
-METHODS = ("tree", "kkt")
+METHODS = ("sequential", "kkt")
 BAR, LIGHT_BAR = 1e-9, 1e-8
 MISSED = 1e-9  # accelerations that miss a row by more, relative to the largest, do not satisfy the closures
 
@@ -31,7 +31,7 @@ class Outcome(NamedTuple):
 
     Attributes:
         name: of the forest.
-        method: "tree" or "kkt".
+        method: "sequential" or "kkt".
         error: largest relative error of accelerations and forces; NaN if it was refused.
         beyond: whether it exceeds the bar.
         rank_right: whether the rank is that of fifty digits.

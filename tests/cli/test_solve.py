@@ -63,7 +63,7 @@ def test_trunk(solve, name, key):
     code, found = solve(TRUNKS, "--case", name, "--method", "all")
     assert code == 0
     solved = {answer["method"]: answer for answer in found if answer["status"] == "ok"}
-    assert set(solved) == {"sequential", "kkt", "tree"}
+    assert set(solved) == {"sequential", "kkt"}
     for answer in solved.values():
         assert set(answer["trunk"]) == {"qdd", key}
         assert len(answer["trunk"][key]) == 6
@@ -75,7 +75,7 @@ def test_trunk(solve, name, key):
 
 def applies(method: str, tags: dict) -> bool:
     """Return whether an algorithm covers a stored case."""
-    if method in ("sequential", "tree"):
+    if method == "sequential":
         return True
     if method == "kkt":
         return tags["f_unique"]

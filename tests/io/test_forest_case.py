@@ -30,14 +30,14 @@ def answered(capsys, file, *options: str) -> tuple[int, list[dict]]:
 
 
 def test_every_forest(capsys):
-    """The command answers all stored forests by `sequential`, `tree` and `kkt`, and refuses the rest by name."""
+    """The command answers all stored forests by `sequential` and `kkt`, and refuses the rest by name."""
     code, answers = answered(capsys, FILE, "--method", "all")
     assert code == 0
     assert len(answers) == len(CASES) * len(METHODS)
     tags = {case["name"]: case["tags"] for case in CASES}
     for answer in answers:
         assert set(answer) == KEYS | {"error_vs_expected"}
-        if answer["method"] not in ("sequential", "tree", "kkt"):
+        if answer["method"] not in ("sequential", "kkt"):
             assert answer["status"] == "refused" and answer["reason"].startswith("not_applicable: ")
             continue
         expected = tags[answer["name"]]

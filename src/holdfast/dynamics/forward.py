@@ -79,7 +79,7 @@ def forward_dynamics(
 
     Returns:
         A `ForwardResult`; for a chain with branches, loops, couplings or several objects a `MechanismResult`, by the
-        methods "sequential" and "tree", which are the same there, and "kkt".
+        methods "sequential" and "kkt".
 
     Raises:
         StateError: if a shape is wrong, the state violates a grasp, or the state is so far off the constraint

@@ -66,7 +66,7 @@ def test_an_object_that_nothing_holds(name):
     assert gap(found["stray"], fall) < 1e-13
 
 
-@pytest.mark.parametrize("method", ["sequential", "tree", "kkt"])
+@pytest.mark.parametrize("method", ["sequential", "kkt"])
 def test_two_arms_with_grippers(method):
     """Fingers with mimic joints, one of which touches the box: as the dense equations of every body in fifty digits."""
     chain, state, tau = two_arms_with_grippers()

@@ -1,4 +1,4 @@
-"""Chains by the elimination in which every arm is a limb, beside that of the same forest in which every joint counts."""
+"""Chains by the elimination in which every arm is a limb, beside that of their forest, joint by joint."""
 
 from __future__ import annotations
 

@@ -71,7 +71,6 @@ def by_plan(motion: ForestMotion) -> ForestSolution:
 
 FOREST_METHODS: dict[str, Callable[[ForestMotion], ForestSolution]] = {
     "sequential": by_plan,
-    "tree": by_plan,
     "kkt": forest_kkt,
 }
 
@@ -99,7 +98,7 @@ def forest_dynamics(
         qd: (n_v,) rates.
         tau: (n_v,) torques [N m or N]; for a free body, a wrench about its frame's origin.
         wrenches: (bodies, 6) external wrenches about the origins of the bodies' frames; zero by default.
-        method: "sequential" or "tree", the elimination in the order of the forest's plan, or "kkt", dense equations.
+        method: "sequential", the elimination in the order of the forest's plan, or "kkt", dense equations.
         check: if False, the residuals of closures and couplings are not checked.
 
     Raises:

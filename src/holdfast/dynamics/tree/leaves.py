@@ -111,9 +111,7 @@ def measure_leaves(
             passing = passing._replace(P=P)
         passing, rows, frames = by_rows(passing, others, r[len(summed) :], now, of, lone=lone)
     elif ending:
-        passing, end, ends = by_last(
-            passing, seen[-1], r[-1], [side.rhs.bodies[step.leaving].wrench for side in sides]
-        )
+        passing, end, ends = by_last(passing, seen[-1], r[-1], [side.rhs.bodies[step.leaving].wrench for side in sides])
     now = now._replace(X=passing.X, P=passing.P, N=passing.N, kept=passing.kept, weakest=passing.weakest)
     now = now._replace(size=dict.fromkeys(now.size, passing.size)) if lone else now
     for side, x, load in zip(sides, passing.x, passing.load, strict=True):
