@@ -226,7 +226,7 @@ def distributed(case: VariedCase, iterations: int = ITERATIONS) -> tuple[Array, 
     """Return the results in the order of `ElasticDistribution`."""
     none = np.zeros(case.chain.joint_count)
     found = distribution(chain_motion(case.chain, case.state, none, case.inputs), case.own, iterations)
-    return tuple(found if case.chain.floats else found[:-1])
+    return tuple(part for part in found if part is not None)
 
 
 def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS) -> ElasticDistribution:
@@ -237,12 +237,14 @@ def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS
     arms, shared = len(made.arms), made.shared
     answers = each(arm_answer, made.arms, made.held, made.columns, found.x[:arms])
     tau, qdd, y = [tau for tau, *_ in answers], [qdd for _, qdd, _ in answers], np.zeros(0)
+    floating = None
     acceleration, missed = own["acceleration"], []
     if shared.size:
         drives, y = found.x[arms][: shared.joints], found.x[arms][shared.joints :]
         moving, beyond = (A[:, :-1] @ y + A[:, -1] for A in (shared.own, shared.object))
         tau, qdd = [made.asked.units * drives, *tau], [moving[shared.floating :], *qdd]
         acceleration, missed = acceleration + beyond, [made.asked.task @ beyond]
+        floating = moving[: shared.floating] if shared.floating else None
     missed += [column.missed + column.missed_by @ y if len(y) else column.missed for column in made.columns]
     return ElasticDistribution(
         concatenate(tau),
@@ -253,7 +255,7 @@ def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS
         array(largest(concatenate(missed))),
         array(found.residual),
         *_prices(made, found),
-        moving[: shared.floating] if shared.floating else None,
+        floating,
     )
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.tree.of_chain import ChainElimination
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, select, where
 
@@ -89,8 +90,8 @@ def _either(first: Scalar, x: Any, y: Any) -> Any:
         return None
     if isinstance(x, Mapping):
         return {name: _either(first, one, y[name]) for name, one in x.items()}
-    if isinstance(x, tuple) and hasattr(x, "_make"):
-        return x._make(_either(first, one, other) for one, other in zip(x, y, strict=True))
+    if isinstance(x, TrunkAcceleration):
+        return TrunkAcceleration(*(_either(first, one, other) for one, other in zip(x, y, strict=True)))
     if isinstance(x, list | tuple):
         return [_either(first, one, other) for one, other in zip(x, y, strict=True)]
     return select(first, x, y) if isinstance(x, np.ndarray) and x.ndim else where(first, x, y)
