@@ -31,7 +31,7 @@ from holdfast.dynamics.tree.order import Cross, CrossAll, MeasureLeaves, PlanSte
 from holdfast.dynamics.tree.outward import Condensed, ForestFactors, ForestSolution, Outward, outward
 from holdfast.dynamics.tree.plan import EliminationPlan, Settle
 from holdfast.dynamics.tree.settled import SettledBody, settled_body
-from holdfast.dynamics.tree.steps import STEPS, Inward, PartMotion, RightHandSide
+from holdfast.dynamics.tree.steps import STEPS, ForestLoads, Inward, PartMotion
 from holdfast.model.forest import GROUND
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar
@@ -82,10 +82,10 @@ def eliminated(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
     return factors.solution(found)
 
 
-def right_hand_side(motion: ForestMotion) -> RightHandSide:
+def right_hand_side(motion: ForestMotion) -> ForestLoads:
     """Return the loads and the right-hand sides of a forest's motion."""
     free = {k: body for k, body in enumerate(motion.bodies) if body is not None and body.free is not None}
-    return RightHandSide(
+    return ForestLoads(
         motion.bodies,
         {k: body.free.acceleration - body.at.zeta for k, body in free.items()},
         motion.closures,
@@ -98,7 +98,7 @@ def factorised(
     motion: ForestMotion,
     plan: EliminationPlan,
     tolerance: float = RANK_TOLERANCE,
-    others: Sequence[RightHandSide] = (),
+    others: Sequence[ForestLoads] = (),
 ) -> tuple[ForestFactors, list[Outward]]:
     """Return the factors of a forest's equations, and the solutions for its own loads and for others.
 
@@ -113,7 +113,7 @@ def factorised(
 
 
 def inward(
-    motion: ForestMotion, plan: EliminationPlan, tolerance: float = RANK_TOLERANCE, others: Sequence[RightHandSide] = ()
+    motion: ForestMotion, plan: EliminationPlan, tolerance: float = RANK_TOLERANCE, others: Sequence[ForestLoads] = ()
 ) -> tuple[ForestFactors, list[Inward]]:
     """Return the factors, and every right-hand side carried inward; arguments as in `factorised`."""
     sides = [Inward(rhs) for rhs in (right_hand_side(motion), *others)]
@@ -134,6 +134,7 @@ def inward(
         part = plan.parts[step.part]
         steps = plan.steps[step.part]
         of = PartMotion(motion, settled, part, first_columns(motion, part, steps), tolerance)
+        of = of._replace(apart=not of.width)  # with columns, they share too much with what comes before and after
         leaves = [leaf for one in steps if isinstance(one, MeasureLeaves) for leaf in one.leaves]
         of = of._replace(leaves=leaves_of(of, leaves))
         now, factors = empty_belief(of.width), []
@@ -170,7 +171,7 @@ def inward(
     return ForestFactors(motion, plan, settled, parts), sides
 
 
-def solve(factors: ForestFactors, others: Sequence[RightHandSide]) -> list[Outward]:
+def solve(factors: ForestFactors, others: Sequence[ForestLoads]) -> list[Outward]:
     """Return the accelerations and forces for other right-hand sides at the same configuration."""
     motion, plan, sides = factors.motion, factors.plan, [Inward(rhs) for rhs in others]
     _with_limbs(motion, sides)

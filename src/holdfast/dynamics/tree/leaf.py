@@ -27,7 +27,7 @@ from holdfast.spatial.symmetric import symmetric6
 _NONE = np.zeros(6)
 
 
-class Leaf(NamedTuple):
+class LeafMeasurement(NamedTuple):
     """A leaf before it is included.
 
     Attributes:
@@ -43,17 +43,17 @@ class Leaf(NamedTuple):
     joints: list[SettledBody]
 
 
-def leaves_of(of: PartMotion, steps: Sequence[MeasureLeaf]) -> dict[int, Leaf]:
+def leaves_of(of: PartMotion, steps: Sequence[MeasureLeaf]) -> dict[int, LeafMeasurement]:
     """Return the leaves of a part, by closure."""
     limbs = [step for step in steps if step.closure in of.motion.limbs]
     tips = [of.motion.limbs[step.closure].tip for step in limbs]
     contacts = [contact_of(of.motion.closures[step.closure], step, limb=True) for step in limbs]
     seen = each(measurement, contacts, tips)
-    found = {step.closure: Leaf(step, c, m, []) for step, c, m in zip(limbs, contacts, seen, strict=True)}
+    found = {step.closure: LeafMeasurement(step, c, m, []) for step, c, m in zip(limbs, contacts, seen, strict=True)}
     return found | {step.closure: chain_of_joints(of, step) for step in steps if step.closure not in found}
 
 
-def chain_of_joints(of: PartMotion, step: MeasureLeaf) -> Leaf:
+def chain_of_joints(of: PartMotion, step: MeasureLeaf) -> LeafMeasurement:
     """Return the leaf of joints that are no limb, from their own responses."""
     c = of.motion.closures[step.closure]
     joints, X, w, D = [of.settled[k] for k in step.joints], np.eye(6), np.zeros((6, 0)), []
@@ -64,7 +64,7 @@ def chain_of_joints(of: PartMotion, step: MeasureLeaf) -> Leaf:
     base = None if step.of is None else BaseResponse(X, np.zeros((6, 6)), _NONE, NO_INERTIA, _NONE)
     mobility, contact = symmetric6((w * array(D)) @ w.T), contact_of(c, step, limb=False)
     tip = TipResponse(mobility, _NONE, array(D), lambda *_: (_NONE, _NONE), 0.0, base)
-    return Leaf(step, contact, measurement(contact, tip), joints)
+    return LeafMeasurement(step, contact, measurement(contact, tip), joints)
 
 
 def contact_of(c: ClosureMotion, step: MeasureLeaf, *, limb: bool) -> Contact:
@@ -81,7 +81,7 @@ def _shifted(l: Array, columns: Array) -> Array:
     return array([shift_twist(l, column) for column in columns.T]).reshape(-1, 6).T
 
 
-def right_hand_side(side: Inward, leaf: Leaf) -> Array:
+def right_hand_side(side: Inward, leaf: LeafMeasurement) -> Array:
     """Return r of a leaf's measurement, (rows,)."""
     step = leaf.step
     if leaf.joints:
@@ -98,7 +98,7 @@ def right_hand_side(side: Inward, leaf: Leaf) -> Array:
     )
 
 
-def through_joints(back: Back, leaf: Leaf, f: Array) -> None:
+def through_joints(back: Back, leaf: LeafMeasurement, f: Array) -> None:
     """Let the wrench f of a leaf's end on the other body pass inward through its joints, if they are no limb."""
     if leaf.joints:
         c = back.rhs.closures[leaf.step.closure]

@@ -9,7 +9,7 @@ whose acceleration is given, the wrench is noted on a frame of the world, which 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ from holdfast.dynamics.closed.filter_updates import (
 )
 from holdfast.dynamics.closed.measurement import Measurement, size_at_centre
 from holdfast.dynamics.tree.belief import Belief, sizes_of_rows
-from holdfast.dynamics.tree.leaf import Leaf, right_hand_side, through_joints, wrench_at_contact
+from holdfast.dynamics.tree.leaf import LeafMeasurement, right_hand_side, through_joints, wrench_at_contact
 from holdfast.dynamics.tree.order import ROOT, MeasureLeaves
 from holdfast.dynamics.tree.steps import (
     Back,
@@ -41,7 +41,7 @@ from holdfast.dynamics.tree.steps import (
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, minimum, scan
 
 _NONE = np.zeros(6)
-WORLD = -2  # a frame of the world, on which the wrench of a leaf between open frames and the world is noted
+WORLD_FRAME = -2  # a frame of the world, on which the wrench of a leaf between open frames and the world is noted
 
 
 class Leaves(NamedTuple):
@@ -49,7 +49,8 @@ class Leaves(NamedTuple):
 
     Attributes:
         leaves: the leaves in order: those of parallel sums first.
-        frames: the frames that were open, and `WORLD` if a leaf ends neither at one of them nor at a free body.
+        apart: as in `PartMotion`.
+        frames: the frames that were open, and `WORLD_FRAME` if a leaf ends neither at one of them nor at a free body.
         sums: factors of those included by parallel sums.
         end: of the last of them, if the free body leaves with it.
         rows: of those included by their rows.
@@ -57,7 +58,8 @@ class Leaves(NamedTuple):
         independent: per leaf, which of its rows are independent, if they have a mask; only of those by rows.
     """
 
-    leaves: list[Leaf]
+    leaves: list[LeafMeasurement]
+    apart: bool
     frames: Mapping[int, int]
     sums: list[ParallelSum]
     end: list[TerminalSum]
@@ -103,7 +105,8 @@ def measure_leaves(
     passing, frames = Passing(now.X, P, first, now.N, now.kept, now.weakest, x, load), dict(now.frames)
     r = [[right_hand_side(side, leaf) for side in sides] for leaf in (*summed, *ending, *others)]
     seen = [_with_columns(leaf.seen, of.width) for leaf in (*summed, *ending)]
-    passing, sums = scan(by_sum, passing, seen[: len(summed)], r[: len(summed)])
+    loop = scan if of.apart else _in_turn
+    passing, sums = loop(by_sum, passing, seen[: len(summed)], r[: len(summed)])
     rows, end, ends, closed, closes = [], [], [None for _ in sides], None, [None for _ in sides]
     if others:
         if summed:
@@ -111,7 +114,8 @@ def measure_leaves(
             passing = passing._replace(P=P)
         passing, rows, frames = by_rows(passing, others, r[len(summed) :], now, of, lone=lone)
     elif ending:
-        passing, end, ends = by_last(passing, seen[-1], r[-1], [side.rhs.bodies[step.leaving].wrench for side in sides])
+        w = [side.rhs.bodies[step.leaving].wrench for side in sides]
+        passing, end, ends = by_last(passing, seen[-1], r[-1], w, apart=of.apart)
     now = now._replace(X=passing.X, P=passing.P, N=passing.N, kept=passing.kept, weakest=passing.weakest)
     now = now._replace(size=dict.fromkeys(now.size, passing.size)) if lone else now
     for side, x, load in zip(sides, passing.x, passing.load, strict=True):
@@ -123,7 +127,7 @@ def measure_leaves(
         closes = [forward_close_frame(side, step.closes, closed) for side in sides]
     order = [*summed, *ending, *others]
     factors = Leaves(
-        order, frames, [u for u, _ in sums], end, [u for u, _, _ in rows], closed, [one[2] for one in rows]
+        order, of.apart, frames, [u for u, _ in sums], end, [u for u, _, _ in rows], closed, [one[2] for one in rows]
     )
     kept = [
         Kept([nus[i] for _, nus in sums], ends[i], [nus[i] for _, nus, _ in rows], closes[i]) for i in range(len(sides))
@@ -139,11 +143,12 @@ def by_sum(now: Passing, m: Measurement, r: list[Array]) -> tuple[Passing, tuple
 
 
 def by_last(
-    now: Passing, m: Measurement, r: list[Array], w: list[Array]
+    now: Passing, m: Measurement, r: list[Array], w: list[Array], *, apart: bool
 ) -> tuple[Passing, list[TerminalSum], list[Any]]:
     """Return the state after the leaf with which a free body leaves, its factors, and what the way back needs."""
-    ((included, end),) = each(lambda m: terminal_sum(now.X, now.P, m, now.size), [m])
-    (sides,) = each(lambda end, r: [end.forward(*side) for side in zip(now.x, r, w, strict=True)], [end], [r])
+    loop = each if apart else _each_in_turn
+    ((included, end),) = loop(lambda m: terminal_sum(now.X, now.P, m, now.size), [m])
+    (sides,) = loop(lambda end, r: [end.forward(*side) for side in zip(now.x, r, w, strict=True)], [end], [r])
     weakest = minimum(now.weakest, included.weakest)
     passed = now._replace(
         P=included.P,
@@ -157,7 +162,7 @@ def by_last(
 
 
 def by_rows(
-    passing: Passing, leaves: list[Leaf], r: list[list[Array]], now: Belief, of: PartMotion, *, lone: bool
+    passing: Passing, leaves: list[LeafMeasurement], r: list[list[Array]], now: Belief, of: PartMotion, *, lone: bool
 ) -> tuple[Passing, list[tuple[RowSums, list[Any], Array | None]], dict[int, int]]:
     """Return the state after leaves included by their rows, their factors, and the frames that were open."""
     tolerance, size = of.tolerance, passing.size
@@ -166,11 +171,13 @@ def by_rows(
         def include(now: Passing, m: Measurement, r: list[Array]) -> tuple[Passing, Any]:
             return _by_rows(now, m, r, m.pivot_sizes(size), m.typical_pivots(size), tolerance)
 
-        found = scan(include, passing, [_with_columns(leaf.seen, of.width) for leaf in leaves], r)
+        found = (scan if of.apart else _in_turn)(
+            include, passing, [_with_columns(leaf.seen, of.width) for leaf in leaves], r
+        )
         return *found, dict(now.frames)
     frames: dict[int, int] = dict(now.frames)
     if any(leaf.step.other in (None, ROOT) for leaf in leaves):
-        frames[WORLD] = 6
+        frames[WORLD_FRAME] = 6
         passing = _with_world(passing)
     items = [_among(leaf, now, frames, of) for leaf in leaves]
 
@@ -178,7 +185,7 @@ def by_rows(
         return _by_rows(now, m, r, m.own_sizes() + sizes, np.diag(m.R) + sizes / 3.0, tolerance)
 
     passing, rows = scan(include_among, passing, [m for m, _ in items], [sizes for _, sizes in items], r)
-    return (_without_world(passing, len(now.X)) if WORLD in frames else passing), rows, frames
+    return (_without_world(passing, len(now.X)) if WORLD_FRAME in frames else passing), rows, frames
 
 
 def forward_leaves(side: Inward, step: MeasureLeaves, of: Leaves) -> Kept:
@@ -191,7 +198,7 @@ def forward_leaves(side: Inward, step: MeasureLeaves, of: Leaves) -> Kept:
         side.x, side.on_root = np.zeros(0), load + more
         return Kept(sums, end, [], None)
     n = len(x)
-    x = concatenate([x, np.zeros(6)]) if WORLD in of.frames else x
+    x = concatenate([x, np.zeros(6)]) if WORLD_FRAME in of.frames else x
     (x, load), rows = scan(_passed, (x, load), of.rows, r[len(of.sums) :])
     side.x, side.on_root = x[:n], load
     closed = None
@@ -203,8 +210,9 @@ def forward_leaves(side: Inward, step: MeasureLeaves, of: Leaves) -> Kept:
 def back_leaves(backs: Sequence[Back], step: MeasureLeaves, of: Leaves, kept: Sequence[Kept]) -> None:
     """Find the wrenches of leaves, for all right-hand sides together."""
     betas, last = [back.beta_root for back in backs], []
+    loop = scan if of.apart else _in_turn
     if of.end:
-        (found,) = each(
+        (found,) = (each if of.apart else _each_in_turn)(
             lambda end, ends: [end.back(one, beta) for one, beta in zip(ends, betas, strict=True)],
             of.end,
             [[one.end for one in kept]],
@@ -217,27 +225,42 @@ def back_leaves(backs: Sequence[Back], step: MeasureLeaves, of: Leaves, kept: Se
         for back, one in zip(backs, kept, strict=True):
             if of.closed is not None and step.closes is not None and one.closed is not None:
                 back_close_frame(back, step.closes, of.closed, one.closed)
-            if WORLD in of.frames:
-                back.s[WORLD] = _NONE
+            if WORLD_FRAME in of.frames:
+                back.s[WORLD_FRAME] = _NONE
         s = [back.stacked(of.frames) for back in backs]
 
     def through(s: list[Array], update: ParallelSum | RowSums, nus: list[Any]) -> tuple[list[Array], list[Array]]:
         own = [update.back(one, nu, beta) for one, nu, beta in zip(s, nus, betas, strict=True)]
         return [one + more for one, more in zip(s, own, strict=True)], own
 
-    s, of_rows = scan(through, s, of.rows[::-1], _by_leaf([one.rows for one in kept])[::-1])
-    s, of_sums = scan(through, s, of.sums[::-1], _by_leaf([one.sums for one in kept])[::-1])
+    s, of_rows = loop(through, s, of.rows[::-1], _by_leaf([one.rows for one in kept])[::-1])
+    s, of_sums = loop(through, s, of.sums[::-1], _by_leaf([one.sums for one in kept])[::-1])
     for back, one in zip(backs, s, strict=True):
         back.unstack(of.frames, one)
-        back.s.pop(WORLD, None)
+        back.s.pop(WORLD_FRAME, None)
     from_leaves = [*of_sums[::-1], *last, *of_rows[::-1]]
-    places = [_rows_of(leaf.step.other if leaf.step.other in of.frames else WORLD, of.frames) for leaf in of.leaves]
+    ends = [leaf.step.other if leaf.step.other in of.frames else WORLD_FRAME for leaf in of.leaves]
+    places = [_rows_of(end, of.frames) for end in ends]
     contacts = [leaf.contact for leaf in of.leaves]
     for i, back in enumerate(backs):
         found = each(wrench_at_contact, contacts, [of[i][at] for of, at in zip(from_leaves, places, strict=True)])
         for leaf, f in zip(of.leaves, found, strict=True):
             back.wrenches[leaf.step.closure] = -f if leaf.step.is_b else f
             through_joints(back, leaf, f)
+
+
+def _in_turn(f: Callable[..., Any], carry: Any, *items: Iterable[Any]) -> tuple[Any, list[Any]]:
+    """Return what `scan` does, traced as part of what surrounds it."""
+    found = []
+    for row in zip(*items, strict=True):
+        carry, one = f(carry, *row)
+        found.append(one)
+    return carry, found
+
+
+def _each_in_turn(f: Callable[..., Any], *items: Iterable[Any]) -> list[Any]:
+    """Return what `each` does, likewise."""
+    return [f(*row) for row in zip(*items, strict=True)]
 
 
 def lone_size(now: Belief) -> Array:
@@ -287,13 +310,13 @@ def _with_columns(m: Measurement, width: int) -> Measurement:
     return m if m.X.shape[1] == width else replace(m, X=np.zeros((len(m.r), width)))
 
 
-def _among(leaf: Leaf, now: Belief, frames: Mapping[int, int], of: PartMotion) -> tuple[Measurement, Array]:
+def _among(leaf: LeafMeasurement, now: Belief, frames: Mapping[int, int], of: PartMotion) -> tuple[Measurement, Array]:
     """Return a leaf's rows on all open frames, and the part of the open frames in their sizes (rows,)."""
     m, step = leaf.seen, leaf.step
     ends = [(step.other, m.C), *([] if step.of is None else [(step.of, -m.X)])]
     on, on_root = of.placed(ends)
     sizes = now.sizes_of(on, len(m.r))
-    world = [m.C if step.other in (None, ROOT) else 0.0 * m.C] if WORLD in frames else []
+    world = [m.C if step.other in (None, ROOT) else 0.0 * m.C] if WORLD_FRAME in frames else []
     C = np.concatenate([now.coefficients(on, len(m.r)), *world], axis=1)
     return replace(m, C=C, X=-on_root), sizes
 

@@ -16,12 +16,13 @@ import numpy as np
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
 from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.dynamics.tree.crossing import cross
 from holdfast.dynamics.tree.elimination import ForestFactors, Outward, factorised, inward, solve
 from holdfast.dynamics.tree.forest_motion import BodyMotion, Carrier, ClosureMotion, ForestMotion, Limb
 from holdfast.dynamics.tree.leaves import Leaves
 from holdfast.dynamics.tree.order import CloseFrame, CrossAll, MeasureLeaves, PlanStep
 from holdfast.dynamics.tree.plan import EliminationPlan, plan_of
-from holdfast.dynamics.tree.steps import RightHandSide
+from holdfast.dynamics.tree.steps import ForestLoads
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkBody, TrunkMotion
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import GROUND, Topology
@@ -186,9 +187,13 @@ def object_response(
     motion, plan = _forest_motion(chain, graph, about, tips, free, trunk), _plan(graph, trunk)
     left_open = tuple(tuple(one for step in steps for one in _without_closing(step)) for steps in plan.steps)
     forest, _ = inward(motion, plan._replace(steps=left_open))
-    (open_to_the_end,) = [one.belief for one in forest.parts.values() if one.belief.frames]
-    P = open_to_the_end.dense()
-    mobility = symmetric6(open_to_the_end.factors.dense() if P is None else P)
+    mobility = free.mobility
+    for i, part in forest.parts.items():
+        now, root = part.belief, plan.parts[i].root
+        if now.frames:
+            now = now if root == GROUND else cross(now, forest.settled[root], GROUND)[0]
+            P = now.dense()
+            mobility = symmetric6(now.factors.dense() if P is None else P)
     rank = forest.rank + chain.contact_freedom_count
     return RestResponse(mobility.mobility_shifted(-free.centre).dense(), rank, forest.weakest)
 
@@ -281,14 +286,14 @@ def _object(free: FreeBody) -> BodyMotion:
 
 def _at_rest(
     graph: ChainGraph, motion: ForestMotion, free: FreeBody, gaps: Sequence[Array], wrench: Array
-) -> RightHandSide:
+) -> ForestLoads:
     """Return the right-hand side of a chain without a trunk at rest; see `solved_again`."""
     none = np.zeros(6)
     bodies = [*motion.bodies]
     bodies[graph.held_object] = bodies[graph.held_object]._replace(wrench=shift_wrench(-free.centre, wrench))
     pairs = zip(graph.grasps, gaps, strict=True)
     by_closure = {graph.closures[name]: gap for name, gap in pairs if name in graph.closures}
-    return RightHandSide(bodies, {graph.held_object: none}, motion.closures, [], [], by_closure)
+    return ForestLoads(bodies, {graph.held_object: none}, motion.closures, [], [], by_closure)
 
 
 def _of_object(factors: ChainFactors, found: Outward) -> tuple[list[Array], Array]:
@@ -318,8 +323,8 @@ def _independent(graph: ChainGraph, forest: ForestFactors) -> list[Array]:
 
 def _pivots(graph: ChainGraph, forest: ForestFactors) -> Array:
     """Return the inertias about the trunk's joints, (n_t,)."""
-    (steps,), (part,) = forest.plan.steps, forest.parts.values()
-    for step, found in zip(steps, part.factors, strict=True):
-        if isinstance(step, CrossAll):
-            return found.factors.pivots[::-1]
+    for i, part in forest.parts.items():
+        for step, found in zip(forest.plan.steps[i], part.factors, strict=True):
+            if isinstance(step, CrossAll):
+                return found.factors.pivots[::-1]
     return concatenate([np.zeros(0), *(forest.settled[k].factors.pivots for k in graph.trunk)])

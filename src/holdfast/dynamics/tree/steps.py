@@ -42,7 +42,7 @@ from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, 
 LEAST_MOBILE = 1e-16  # relative to a free body's own mobility
 
 
-class RightHandSide(NamedTuple):
+class ForestLoads(NamedTuple):
     """Loads and right-hand sides of the rows of a forest, on which its factors do not depend.
 
     Attributes:
@@ -76,7 +76,7 @@ class Inward:
         kept: per part, for every step what its way back needs.
     """
 
-    rhs: RightHandSide
+    rhs: ForestLoads
     load: dict[int, Array] = field(default_factory=dict)
     nu: dict[int, Array] = field(default_factory=dict)
     x: Array = field(default_factory=lambda: np.zeros(0))
@@ -102,7 +102,7 @@ class Back:
         multipliers: by coupling, lambda.
     """
 
-    rhs: RightHandSide
+    rhs: ForestLoads
     beta_root: Array
     s: dict[int, Array] = field(default_factory=dict)
     extra: dict[int, Array] = field(default_factory=dict)
@@ -132,6 +132,7 @@ class PartMotion(NamedTuple):
         columns: (6, c) acceleration of the root per column, the identity, or joint rates; (6, 0) if it is the world.
         tolerance: relative size of a pivot that counts as zero.
         leaves: its leaves, by closure.
+        apart: whether machine code has the updates of leaves as functions of their own.
     """
 
     motion: ForestMotion
@@ -140,6 +141,7 @@ class PartMotion(NamedTuple):
     columns: Array
     tolerance: float = RANK_TOLERANCE
     leaves: Mapping[int, Any] = MappingProxyType({})
+    apart: bool = True
 
     @property
     def width(self) -> int:
