@@ -138,7 +138,7 @@ def test_large_forces_that_balance(seed):
     assert error(solved(motion, plan)) < 1e-13
 
 
-@pytest.mark.parametrize("seed", [3, 5, 9, 12, 24, 37, 48])
+@pytest.mark.parametrize("seed", mostly_slow([3, 5, 9, 12, 24, 37, 48], [3, 24]))
 def test_responses_are_symmetric(seed):
     """At rest, the acceleration along one rate by a unit force along another is the same the other way round."""
     p = random_forest(seed)

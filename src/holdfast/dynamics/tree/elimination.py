@@ -238,7 +238,7 @@ def _with_limbs(motion: ForestMotion, sides: Sequence[Inward]) -> tuple[dict[int
 def _settle(side: Inward, k: int, parent: int, body: SettledBody) -> None:
     """Let the load of a body settle at its parent."""
     load, torque = side.load[k], side.rhs.bodies[k].torque
-    falling = side.rhs.falling.get(k) if body.alone else None
+    falling = None if body.free is None else side.rhs.falling.get(k)
     side.nu[k] = body.nu(load, torque) if falling is None else falling
     if parent != GROUND:
         side.load[parent] = side.load[parent] + body.load_on_parent(load, torque)

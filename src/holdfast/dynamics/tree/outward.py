@@ -20,7 +20,6 @@ from holdfast.dynamics.tree.plan import Condense, EliminationPlan, Settle
 from holdfast.dynamics.tree.settled import SettledBody
 from holdfast.dynamics.tree.steps import STEPS, Back, Inward, PartMotion
 from holdfast.model.forest import GROUND
-from holdfast.spatial.linalg import ldl_solve
 from holdfast.spatial.scalar import Array, Scalar, minimum
 from holdfast.spatial.spatial_vector import shift_twist
 
@@ -172,7 +171,7 @@ def _accelerate(
     k, body = step.body, factors.settled[step.body]
     if body.motion.floats:
         if step.part is None:
-            qdd[k] = beta[k] = side.nu[k] + ldl_solve(body.factors, side.rhs.bodies[k].wrench)
+            qdd[k] = beta[k] = side.nu[k] + body.pushed(side.rhs.bodies[k].wrench)
         else:
             qdd[k] = beta[k] = backs[step.part].beta[k]
         return

@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility
+from holdfast.dynamics.closed.object_motion import FreeBody
 from holdfast.dynamics.tree.belief import Untouched
 from holdfast.dynamics.tree.forest_motion import BodyMotion
 from holdfast.spatial.linalg import MaskedLDL, back_substitution, ldl, ldl_solve
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import Symmetric6, symmetric6
 
@@ -30,11 +31,12 @@ class SettledBody(NamedTuple):
 
     Attributes:
         motion: its motion.
-        factors: D = L diag(d) L^T, (m, m); of a free body, of its articulated inertia.
+        factors: D = L diag(d) L^T, (m, m); of a free body, of its articulated inertia. Of a free body by itself, only
+            d is known.
         columns: (6, m) H L^-T, the columns of H D^-1 H^T = sum 1/d h h^T.
         G: (6, m).
         inertia: I(k), of everything that hangs on it.
-        alone: whether nothing hangs on it.
+        free: a free body on which nothing hangs.
     """
 
     motion: BodyMotion
@@ -42,7 +44,7 @@ class SettledBody(NamedTuple):
     columns: Array
     G: Array
     inertia: Symmetric6
-    alone: bool
+    free: FreeBody | None
 
     @property
     def mobility(self) -> Array:
@@ -52,18 +54,18 @@ class SettledBody(NamedTuple):
     @property
     def untouched(self) -> Untouched:
         """The mobility of a free body; that of a lone one in two blocks, each with its own digits."""
-        free = self.motion.free
-        if free is not None and self.alone:
-            return Untouched(free.mobility.dense(), FactoredMobility(free.D, free.w))
+        if self.free is not None:
+            return Untouched(self.free.mobility.dense(), FactoredMobility(self.free.D, self.free.w))
         D = self.factors.inverse_pivots.tolist()
         return Untouched(self.mobility, FactoredMobility(D, list(self.columns.T)))
 
     def nu(self, load: Array, torque: Array) -> Array:
         """Return D^-1 eps, (m,), for a load z (6,) and torques (m,); of a free body -D^-1 z."""
-        if self.motion.floats:
-            free = self.motion.free
-            return -ldl_solve(self.factors, load) if free is None or not self.alone else -free.mobility.apply(load)
-        return ldl_solve(self.factors, torque - self.motion.H.T @ load)
+        return self.pushed(-load if self.motion.floats else torque - self.motion.H.T @ load)
+
+    def pushed(self, eps: Array) -> Array:
+        """Return D^-1 eps, (m,)."""
+        return ldl_solve(self.factors, eps) if self.free is None else self.free.mobility.apply(eps)
 
     def carried(self, x: Array) -> Array:
         """Return psi^T x, what remains on the body of accelerations (6, columns) of its parent."""
@@ -106,6 +108,10 @@ def settled_body(motion: BodyMotion, inertia: Symmetric6, *, alone: bool) -> Set
         inertia: I(k), with everything that hangs on it.
         alone: whether nothing hangs on it.
     """
+    if alone and motion.free is not None:
+        d = array(motion.free.D)
+        unused = MaskedLDL(np.eye(6), 1.0 / d, d, 6, 1.0)
+        return SettledBody(motion, unused, array(motion.free.w).T, np.eye(6), inertia, motion.free)
     H, I = motion.H, inertia.dense()
     IH = I @ H
     D = I if motion.floats else H.T @ IH + np.diag(motion.armature)
@@ -114,4 +120,4 @@ def settled_body(motion: BodyMotion, inertia: Symmetric6, *, alone: bool) -> Set
     factors = ldl(D, size, LEAST_PIVOT)
     columns = H @ back_substitution(factors.L, np.eye(len(D)))
     G = np.eye(6) if motion.floats else ldl_solve(factors, IH.T).T
-    return SettledBody(motion, factors, columns, G, inertia, alone)
+    return SettledBody(motion, factors, columns, G, inertia, None)
