@@ -187,7 +187,7 @@ def of_forest(ask: Callable[..., Any], **own: Any) -> None:
     call(ask.__name__, **_FOREST, **own)(asked)
 
 
-of_forest(dynamics.forest_dynamics, **_FOREST_INPUTS, method="tree")
+of_forest(dynamics.forest_dynamics, **_FOREST_INPUTS, method="kkt")
 of_forest(dynamics.forest_dynamics_vjp, **_FOREST_INPUTS, by=("q", "link_mass"), qdd=np.ones(3))
 of_forest(dynamics.forest_dynamics_jvp, **_FOREST_INPUTS, along={"q": np.ones(3)})
 of_forest(dynamics.forest_dynamics_jacobian, **_FOREST_INPUTS, of=("qdd",), by=("tau",))

@@ -22,7 +22,8 @@ def test_forward_dynamics_gives_it_back(seed):
     found = forest_inverse_dynamics(p.forest, p.q, p.qd, wanted.qdd, p.wrenches)
     assert not found.tau[~driven(p.forest)].any()
     again = forest_dynamics(p.forest, p.q, p.qd, found.tau, p.wrenches)
-    assert gap(again.qdd, wanted.qdd) < 1e-12
+    # with objects of tonnes, forward dynamics itself is off by 2e-12 beside fifty digits
+    assert gap(again.qdd, wanted.qdd) < (1e-11 if "heavy" in p.name else 1e-12)
     if wanted.status is Status.OK:
         assert gap(again.closure_wrench, found.closure_wrench) < 1e-10
         assert gap(again.coupling_force, found.coupling_force) < 1e-10

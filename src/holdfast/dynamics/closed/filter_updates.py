@@ -194,6 +194,7 @@ def row_sums(
     scale: Array,
     typical: Array,
     tolerance: float = RANK_TOLERANCE,
+    found: IndependentRows | None = None,
 ) -> tuple[Included, RowSums]:
     """Return the update by an arm whose rows are included one after the other.
 
@@ -204,11 +205,12 @@ def row_sums(
         scale: (rows,) sizes of the terms in the pivots.
         typical: (rows,) typical pivots.
         tolerance: relative size of a pivot that counts as zero.
+        found: its rows with a diagonal R; by default `independent_rows`.
     """
     count = X.shape[1]
     N, kept, weakest = np.zeros((count, count)), np.zeros(())[()], np.ones(())[()]
     independent: Array | None = None if m.held is None else np.zeros(len(m.held))
-    found = independent_rows(m, scale, typical)
+    found = independent_rows(m, scale, typical) if found is None else found
     included = []
     for row, d, e, (size, usual), which in zip(*found[:-1], strict=True):
         P, k, sigma, alive = updated(P, row, d, tolerance * size)

@@ -13,18 +13,25 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.filter_updates import IndependentRows
 from holdfast.dynamics.closed.measurement import Measurement, measurement, seen_along
 from holdfast.dynamics.closed.tip_response import BaseResponse, TipResponse
+from holdfast.dynamics.tree.belief import first_by, picked
 from holdfast.dynamics.tree.forest_motion import ClosureMotion
 from holdfast.dynamics.tree.order import MeasureLeaf
 from holdfast.dynamics.tree.settled import SettledBody
 from holdfast.dynamics.tree.steps import Back, Inward, PartMotion
 from holdfast.spatial.inertia import NO_INERTIA
-from holdfast.spatial.scalar import Array, array, each
+from holdfast.spatial.scalar import Array, array, each, where
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import symmetric6
+from holdfast.spatial.vector import outer
 
 _NONE = np.zeros(6)
+NEGLIGIBLE_NOISE = 1e-26  # the square of a row of factors that is only rounding, relative to its size
+
+
+Noise = tuple[Array, Array] | None
 
 
 class LeafMeasurement(NamedTuple):
@@ -35,12 +42,19 @@ class LeafMeasurement(NamedTuple):
         contact: its contact, with the point of the body at the other end in place of C.
         seen: its measurement of that body, with X if its base moves.
         joints: its bodies, if it is no limb.
+        noise: (rows, factors), (factors,) the noise R = Z diag(D) Z^T of such a leaf's rows in factors; None of a limb.
     """
 
     step: MeasureLeaf
     contact: Contact
     seen: Measurement
     joints: list[SettledBody]
+    noise: Noise = None
+
+    @property
+    def parallel(self) -> bool:
+        """Whether the leaf can be included by a parallel sum; rows in factors keep more digits beside heavy bodies."""
+        return self.seen.parallel and self.noise is None
 
 
 def leaves_of(of: PartMotion, steps: Sequence[MeasureLeaf]) -> dict[int, LeafMeasurement]:
@@ -64,7 +78,53 @@ def chain_of_joints(of: PartMotion, step: MeasureLeaf) -> LeafMeasurement:
     base = None if step.of is None else BaseResponse(X, np.zeros((6, 6)), _NONE, NO_INERTIA, _NONE)
     mobility, contact = symmetric6((w * array(D)) @ w.T), contact_of(c, step, limb=False)
     tip = TipResponse(mobility, _NONE, array(D), lambda *_: (_NONE, _NONE), 0.0, base)
-    return LeafMeasurement(step, contact, measurement(contact, tip), joints)
+    seen = measurement(contact, tip)
+    Z = array([seen_along(contact, seen, column) for column in w.T]).reshape(-1, len(seen.r)).T
+    return LeafMeasurement(step, contact, seen, joints, (Z, array(D)))
+
+
+def independent(noise: Noise, m: Measurement, scale: Array, typical: Array) -> IndependentRows | None:
+    """Return a leaf's rows with independent noise, R = L diag(d) L^T by weighted Gram-Schmidt; None of a limb.
+
+    The row with the largest remaining noise, relative to its size, comes first, so that the entries of L are small.
+    Rows beyond the number of factors have no noise: what remains of it is rounding.
+
+    Args:
+        noise: the noise of its rows in factors.
+        m: its rows among all open frames.
+        scale: (rows,) sizes of the terms in the pivots.
+        typical: (rows,) typical pivots.
+    """
+    if noise is None:
+        return None
+    (Z, D), (count, n), c = noise, m.C.shape, m.X.shape[1]
+    factors = len(D)
+    numbers = factors + n + c
+    table = np.column_stack([Z, m.C, m.X, scale, typical, m.own_sizes()])
+    done, d, steps = [], [], []
+    for j in range(count):
+        row, table, picks = first_by((table[:, :factors] * table[:, :factors]) @ D, table)
+        of = (row[:factors] * row[:factors]) @ D
+        alive = of > NEGLIGIBLE_NOISE * row[-1] if j < factors else np.False_
+        inverse = where(alive, 1.0 / where(alive, of, 1.0), 0.0)
+        L = inverse * (table[:, :factors] @ (D * row[:factors]))
+        table = np.column_stack([table[:, :numbers] - outer(L, row[:numbers]), table[:, numbers:]])
+        done.append(row)
+        d.append(where(alive, of, 0.0))
+        steps.append((picks, L))
+
+    def made_independent(r: Array) -> Array:
+        rest, found = r.reshape(count, -1), []
+        for picks, L in steps:
+            first, rest = picked(picks, rest)
+            rest = rest - outer(L, first)
+            found.append(first)
+        return array(found).reshape(r.shape)
+
+    rows = array(done).reshape(count, -1)
+    sizes, which = rows[:, numbers : numbers + 2], np.zeros((count, 0))
+    C, X = rows[:, factors : factors + n], rows[:, factors + n : numbers]
+    return IndependentRows(C, d, X, sizes, which, made_independent)
 
 
 def contact_of(c: ClosureMotion, step: MeasureLeaf, *, limb: bool) -> Contact:

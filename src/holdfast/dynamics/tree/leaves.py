@@ -27,7 +27,14 @@ from holdfast.dynamics.closed.filter_updates import (
 )
 from holdfast.dynamics.closed.measurement import Measurement, size_at_centre
 from holdfast.dynamics.tree.belief import Belief, sizes_of_rows
-from holdfast.dynamics.tree.leaf import LeafMeasurement, right_hand_side, through_joints, wrench_at_contact
+from holdfast.dynamics.tree.leaf import (
+    LeafMeasurement,
+    Noise,
+    independent,
+    right_hand_side,
+    through_joints,
+    wrench_at_contact,
+)
 from holdfast.dynamics.tree.order import ROOT, MeasureLeaves
 from holdfast.dynamics.tree.steps import (
     Back,
@@ -95,7 +102,7 @@ def measure_leaves(
 ) -> tuple[Belief, Leaves, list[Kept]]:
     """Include leaves, with right-hand sides; return the state, the factors, and per side what the way back needs."""
     leaves, lone = [of.leaves[one.closure] for one in step.leaves], _at_lone_body(now, step)
-    summed = [leaf for leaf in leaves if lone and leaf.seen.parallel and now.dense() is not None]
+    summed = [leaf for leaf in leaves if lone and leaf.parallel and now.dense() is not None]
     others = [leaf for leaf in leaves if not any(leaf is one for one in summed)]
     ending = summed[-1:] if step.closes is not None and not others else []
     summed = summed[: len(summed) - len(ending)]
@@ -165,26 +172,24 @@ def by_rows(
     passing: Passing, leaves: list[LeafMeasurement], r: list[list[Array]], now: Belief, of: PartMotion, *, lone: bool
 ) -> tuple[Passing, list[tuple[RowSums, list[Any], Array | None]], dict[int, int]]:
     """Return the state after leaves included by their rows, their factors, and the frames that were open."""
-    tolerance, size = of.tolerance, passing.size
+    tolerance, size, noises = of.tolerance, passing.size, [leaf.noise for leaf in leaves]
     if lone:
 
-        def include(now: Passing, m: Measurement, r: list[Array]) -> tuple[Passing, Any]:
-            return _by_rows(now, m, r, m.pivot_sizes(size), m.typical_pivots(size), tolerance)
+        def include(now: Passing, noise: Noise, m: Measurement, r: list[Array]) -> tuple[Passing, Any]:
+            return _by_rows(now, noise, m, r, m.pivot_sizes(size), m.typical_pivots(size), tolerance)
 
-        found = (scan if of.apart else _in_turn)(
-            include, passing, [_with_columns(leaf.seen, of.width) for leaf in leaves], r
-        )
-        return *found, dict(now.frames)
+        loop, seen = scan if of.apart else _in_turn, [_with_columns(leaf.seen, of.width) for leaf in leaves]
+        return *loop(include, passing, noises, seen, r), dict(now.frames)
     frames: dict[int, int] = dict(now.frames)
     if any(leaf.step.other in (None, ROOT) for leaf in leaves):
         frames[WORLD_FRAME] = 6
         passing = _with_world(passing)
     items = [_among(leaf, now, frames, of) for leaf in leaves]
 
-    def include_among(now: Passing, m: Measurement, sizes: Array, r: list[Array]) -> tuple[Passing, Any]:
-        return _by_rows(now, m, r, m.own_sizes() + sizes, np.diag(m.R) + sizes / 3.0, tolerance)
+    def include_among(now: Passing, noise: Noise, m: Measurement, sizes: Array, r: list[Array]) -> tuple[Passing, Any]:
+        return _by_rows(now, noise, m, r, m.own_sizes() + sizes, np.diag(m.R) + sizes / 3.0, tolerance)
 
-    passing, rows = scan(include_among, passing, [m for m, _ in items], [sizes for _, sizes in items], r)
+    passing, rows = scan(include_among, passing, noises, [m for m, _ in items], [sizes for _, sizes in items], r)
     return (_without_world(passing, len(now.X)) if WORLD_FRAME in frames else passing), rows, frames
 
 
@@ -293,9 +298,16 @@ def _after(
 
 
 def _by_rows(
-    now: Passing, m: Measurement, r: list[Array], scale: Array, typical: Array, tolerance: float
+    now: Passing,
+    noise: Noise,
+    m: Measurement,
+    r: list[Array],
+    scale: Array,
+    typical: Array,
+    tolerance: float,
 ) -> tuple[Passing, tuple[RowSums, list[Any], Array | None]]:
-    included, update = row_sums(now.X, now.P, m, scale, typical, tolerance)
+    found = independent(noise, m, scale, typical)
+    included, update = row_sums(now.X, now.P, m, scale, typical, tolerance, found)
     now, nus = _after(now, included, update, r)
     return now, (update, nus, included.independent)
 
