@@ -42,6 +42,7 @@ from holdfast.forces.programme_border import (
 )
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.serial_chain import serial_chain
 from holdfast.questions.arrays import (
     ACCELERATION_LIMITS,
     ARGUMENTS,
@@ -237,6 +238,7 @@ def distribution_parameters(
         MethodNotApplicable: a change from the last wrenches is limited, or a task has more than six rows.
         ModelError, StateError: a name is unknown, or a shape is wrong.
     """
+    serial_chain(chain, "distribution_parameters: chain")
     limits, cost = limits or ForceLimits(), cost or ForceCost()
     if limits.last_wrench is not None:
         raise MethodNotApplicable(

@@ -11,6 +11,7 @@ from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.model.forest import Forest
 from holdfast.spatial.differentiation import linearised
 from tests.dynamics.tree.problems import underactuated
+from tests.longer import mostly_slow
 from tests.systems.random_forests import random_forest
 
 
@@ -24,7 +25,7 @@ def rates(p, qdd, f):
     return linearised(along, np.zeros(len(p.qd)), p.qd).rates(p.qd, qdd)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", mostly_slow(range(20), range(5)))
 def test_power_balance(seed):
     """d(T + U)/dt is the power of drives, dampers and wrenches: closures and couplings do no work."""
     p = underactuated(seed)
@@ -34,7 +35,7 @@ def test_power_balance(seed):
     assert abs(change - balance.power.total) < 1e-10 * terms * (1e4 if "_heavy_" in p.name else 1.0)
 
 
-@pytest.mark.parametrize("seed", [5, 25, 45])
+@pytest.mark.parametrize("seed", mostly_slow([5, 25, 45], [5]))
 def test_momentum_in_flight(seed):
     """Torsos that fly and hand objects on keep their momentum, about the world's origin, without gravity."""
     p = random_forest(seed)
