@@ -142,6 +142,25 @@ def test_every_step_once():
             assert sorted(done) == list(range(len(forest.bodies)))
 
 
+def test_only_free_bodies_are_open_where_the_root_moves():
+    """Neither a palm nor a noted joint is open; a coupling with what stays behind forbids the crossing."""
+    for seed in (*range(60), 699):
+        for steps in plan_of(random_forest(seed).forest.topology).steps:
+            free, opened = set(), set()
+            for step in steps:
+                match step:
+                    case AddFree():
+                        free.add(step.frame)
+                        opened.add(step.frame)
+                    case MeasureLeaves(closes=CloseFrame(frame)) | CloseFrame(frame):
+                        opened.remove(frame)
+                    case Cross():
+                        assert opened <= free
+                    case _:
+                        own = (getattr(step, "frame", None), getattr(step, "note", None))
+                        opened |= {frame for frame in own if frame is not None}
+
+
 def test_frames_are_open_where_they_are_used():
     """A step names only frames that are open, and nothing stays open."""
     for seed in range(60):

@@ -67,8 +67,8 @@ class Branches:
         """Return the bodies over whose joints the root moves inward, the outermost first.
 
         They are those on which several closures hang, one on the other, as long as nothing else does. What hangs on
-        one of them may be closed only with itself and with free bodies on which nothing hangs, and no coupling may need
-        its joint. Those of a trunk are always among them.
+        one of them may be closed only with itself and with free bodies on which nothing hangs, and coupled only with
+        itself. Those of a trunk are always among them.
         """
         found, vertex = [], self.part.root
         while True:
@@ -95,4 +95,8 @@ class Branches:
             others = [v for v in ends[i] if v not in within]
             if within and any(v == GROUND or not free[v] or self.children[v] for v in others):
                 return False
-        return not any(j in self.above(k) for i in self.part.couplings for j in self.topology.coupled[i])
+        for i in self.part.couplings:
+            within = [k in self.above(j) and j != k for j in self.topology.coupled[i]]
+            if any(j in self.above(k) for j in self.topology.coupled[i]) or (any(within) and not all(within)):
+                return False
+        return True
