@@ -29,9 +29,10 @@ class FactoredMobility(NamedTuple):
     D: list[Scalar]
     w: list[Array]
 
-    def apply(self, wrench: Array) -> Array:
-        """Return P f, the acceleration due to a wrench at G."""
-        return sum((D * (w @ wrench) * w for D, w in zip(self.D, self.w, strict=True)), start=np.zeros(6))
+    def apply(self, f: Array, at: slice = slice(None), to: slice = slice(None)) -> Array:
+        """Return P f, the acceleration due to a wrench f, or that of some rows due to a wrench on some rows."""
+        summands = [D * (w[at] @ f) * w[to] for D, w in zip(self.D, self.w, strict=True)]
+        return sum(summands, start=np.zeros(len(summands[0]) if summands else 0))
 
     def dense(self) -> Array:
         """Return P, (6, 6)."""

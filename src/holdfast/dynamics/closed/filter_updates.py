@@ -181,10 +181,34 @@ class RowSums(NamedTuple):
 
     def back(self, s: Array, nus: list[Scalar], beta: Array) -> Array:
         """Return C^T lambda, the wrench of the arm at G, for that of all arms after it."""
-        from_arm = np.zeros(len(s))
+        return self.forces(s, nus, beta)[0]
+
+    def forces(self, s: Array, nus: list[Scalar], beta: Array) -> tuple[Array, list[Scalar]]:
+        """Return C^T lambda, and lambda of every row, the last one first."""
+        from_arm, found = np.zeros(len(s)), []
         for row, nu in zip(reversed(self.rows), reversed(nus), strict=True):
-            from_arm = from_arm + (nu + row.nu @ beta - row.gain @ (s + from_arm)) * row.c
-        return from_arm
+            found.append(nu + row.nu @ beta - row.gain @ (s + from_arm))
+            from_arm = from_arm + found[-1] * row.c
+        return from_arm, found
+
+
+def included_row(
+    X: Array, P: FactoredMobility, c: Array, d: Scalar, e: Array, least: Scalar
+) -> tuple[FactoredMobility, IncludedRow, Scalar, Scalar]:
+    """Return the mobility after one row, the row, sigma, and whether sigma > `least`; see `RowSums` and `updated`.
+
+    Args:
+        X: (n, c) response of the open accelerations to the columns.
+        P: their mobility.
+        c: (n,) its coefficients.
+        d: its noise.
+        e: (c,) its coefficients of the columns, on the right-hand side.
+        least: a smaller sigma is zero.
+    """
+    P, k, sigma, alive = updated(P, c, d, least)
+    inverse = where(alive, 1.0 / where(alive, sigma, 1.0), 0.0)
+    left = e - c @ X
+    return P, IncludedRow(c, k, inverse, inverse * k, left, inverse * left), sigma, alive
 
 
 def row_sums(
@@ -213,12 +237,9 @@ def row_sums(
     found = independent_rows(m, scale, typical) if found is None else found
     included = []
     for row, d, e, (size, usual), which in zip(*found[:-1], strict=True):
-        P, k, sigma, alive = updated(P, row, d, tolerance * size)
-        inverse = where(alive, 1.0 / where(alive, sigma, 1.0), 0.0)
-        left = e - row @ X
-        nu = inverse * left
-        X, N = X + outer(k, nu), N + outer(left, nu)
-        included.append(IncludedRow(row, k, inverse, inverse * k, left, nu))
+        P, own, sigma, alive = included_row(X, P, row, d, e, tolerance * size)
+        X, N = X + outer(own.k, own.nu), N + outer(own.e, own.nu)
+        included.append(own)
         kept = kept + where(alive, 1, 0)
         weakest = minimum(weakest, where(alive, sigma / where(alive, usual, 1.0), 1.0))
         if independent is not None:

@@ -143,6 +143,7 @@ def direction(unit: Array, name: str, shape: Shape) -> Array:
 def unit_response(at: Point, unit: Array) -> tuple[list[Array], Array]:
     """Return the response of the chain at rest to one unit gap, or one unit component of a wrench on the object."""
     count = len(at.motion.contacts)
+    assert at.found.factors is not None
     return solved_again(at.found.factors, [unit[6 * i : 6 * i + 6] for i in range(count)], unit[6 * count :])
 
 

@@ -81,7 +81,8 @@ def _strongest(solve: Solve, contacts: list[Contact], generic_rank: Scalar | Non
 
 def _chosen(first: Scalar, a: ChainElimination, b: ChainElimination) -> ChainElimination:
     """Return solution a if `first` is true, otherwise b; `first` may be a traced number."""
-    return a._replace(**{name: _either(first, getattr(a, name), getattr(b, name)) for name in CHOSEN})
+    chosen = {name: _either(first, getattr(a, name), getattr(b, name)) for name in CHOSEN}
+    return a._replace(**chosen, factors=None)
 
 
 def _either(first: Scalar, x: Any, y: Any) -> Any:

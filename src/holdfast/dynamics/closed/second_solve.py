@@ -155,6 +155,7 @@ def second_solve(
         assert at.found.second is not None
         wrenches, alpha = at.found.second
     else:
+        assert at.found.factors is not None
         wrenches, alpha = solved_again(at.found.factors, gaps, wrench)
     found = each(
         lambda c, tip, load, f, own: arm_solution(c, tip, load, f + own, alpha),

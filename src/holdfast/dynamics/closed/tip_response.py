@@ -198,9 +198,12 @@ def responded(tip: TipResponse, f: Array, beta: Array | None = None) -> tuple[Ar
         beta: (c,) accelerations of the trunk's columns; None without a trunk.
     """
     qdd, base = tip.back_substitute(f, beta)
-    if not len(qdd):
-        return qdd, base
-    largest, first = reduce(maximum, tip.pivots, 0.0), qdd[0]
-    for pivot in tip.pivots:
+    return (if_regular(qdd, tip.pivots) if len(qdd) else qdd), base
+
+
+def if_regular(qdd: Array, pivots: Array) -> Array:
+    """Return joint accelerations, or NaN if the mass matrix with these pivots is singular, (N,)."""
+    largest, first = reduce(maximum, pivots, 0.0), qdd[0]
+    for pivot in pivots:
         first = where(pivot > LEAST_INERTIA * largest, first, float("nan"))
-    return concatenate([[first], qdd[1:]]), base
+    return concatenate([[first], qdd[1:]])

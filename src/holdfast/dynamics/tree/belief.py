@@ -8,68 +8,40 @@ rows say about beta is a sum of squares at the root:
     row c z + c_root beta = r:    e = [r - c x | -c_root - c X],  sigma = c P c^T,  k = P c^T
     [x | X] += k e / sigma,    [n | N] += e_beta^T e / sigma,    D, w by Bierman's update
 
-X, P and N do not depend on the right-hand side; x and n are found by `Side`s (`steps`), one for each.
+X, P and N do not depend on the right-hand side; x and n are found by `Inward` (`right_hand_sides`), one for each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored, updated
+from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
+from holdfast.dynamics.closed.filter_updates import RowSums, included_row
+from holdfast.dynamics.tree.order import ROOT
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, minimum, select, where
 from holdfast.spatial.vector import outer
-
-
-class MeasuredRow(NamedTuple):
-    """A row that has been included: nu = (r - c x) / sigma, lambda = nu + nu_beta beta - gain s, s += c^T lambda.
-
-    Attributes:
-        c: (n,) its coefficients.
-        k: (n,) P c^T.
-        inverse: 1 / sigma; 0 for a dependent row.
-        e: (c,) what beta leaves of the row.
-        K: (k,) wrench, or multiplier, per unit of lambda.
-    """
-
-    c: Array
-    k: Array
-    inverse: Scalar
-    e: Array
-    K: Array
 
 
 class MeasuredRows(NamedTuple):
     """The rows of a closure or a coupling, in the order in which they have been included.
 
     Attributes:
-        rows: the rows.
-        picks: for every row but the last, whether each row after it has been preferred to those before.
+        sums: the rows.
+        K: per row, (k,) wrench, or multiplier, per unit of lambda.
     """
 
-    rows: list[MeasuredRow]
-    picks: list[list[Scalar]]
-
-    def forward(self, x: Array, load: Array, r: Array) -> tuple[Array, Array, list[Scalar]]:
-        """Return x and the load on the root after the rows, and nu of every row, for a right-hand side r (rows,)."""
-        nus, rest = [], r[:, None]
-        for row, picks in zip(self.rows, self.picks, strict=True):
-            first, rest = picked(picks, rest)
-            nu = (first[0] - row.c @ x) * row.inverse
-            x, load = x + nu * row.k, load + nu * row.e
-            nus.append(nu)
-        return x, load, nus
+    sums: RowSums
+    K: list[Array]
 
     def back(self, s: Array, nus: list[Scalar], beta: Array) -> tuple[Array, Array]:
         """Return s with the rows' wrenches, and their wrench or multiplier (k,)."""
-        total = np.zeros(len(self.rows[0].K))
-        for row, nu in zip(reversed(self.rows), reversed(nus), strict=True):
-            force = nu + row.inverse * (row.e @ beta - row.k @ s)
-            s, total = s + force * row.c, total + force * row.K
-        return s, total
+        from_rows, forces = self.sums.forces(s, nus, beta)
+        along = [force * K for force, K in zip(reversed(forces), self.K, strict=True)]
+        return s + from_rows, sum(along, start=np.zeros(len(self.K[0])))
 
 
 class Untouched(NamedTuple):
@@ -84,6 +56,7 @@ class Belief(NamedTuple):
 
     Attributes:
         frames: number of rows by open frame, the oldest first.
+        root: (6, c) acceleration of the root per column: the identity, or of joint rates; (6, 0) if it is the world.
         X: (n, c).
         P: mobility (n, n), in factors, as a matrix, or untouched.
         prior: by frame, its mobility without any measurement, (size, size), from which sizes of pivots follow.
@@ -94,6 +67,7 @@ class Belief(NamedTuple):
     """
 
     frames: Mapping[int, int]
+    root: Array
     X: Array
     P: FactoredMobility | Array | Untouched
     prior: Mapping[int, Array]
@@ -124,14 +98,25 @@ class Belief(NamedTuple):
         assert isinstance(found, FactoredMobility)
         return found
 
+    @property
+    def width(self) -> int:
+        """Number c of columns."""
+        return self.root.shape[1]
+
     def slice_of(self, frame: int) -> slice:
         """Return the rows of a frame."""
-        start = 0
-        for name, size in self.frames.items():
-            if name == frame:
-                return slice(start, start + size)
-            start += size
-        raise KeyError(frame)
+        return rows_of(self.frames, frame)
+
+    def placed(self, ends: Sequence[tuple[int | None, Array]]) -> tuple[dict[int, Array], Array]:
+        """Return rows by open frame, and those on the columns (rows, c)."""
+        on: dict[int, Array] = {}
+        on_root = np.zeros((len(ends[0][1]), self.width))
+        for frame, rows in ends:
+            if frame == ROOT:
+                on_root = on_root + (rows if rows.shape[1] == self.width else rows @ self.root)
+            elif frame is not None:
+                on[frame] = on[frame] + rows if frame in on else rows
+        return on, on_root
 
     def with_frame(self, frame: int, X: Array, w: Array, prior: Array) -> Belief:
         """Return the state with one more frame.
@@ -218,9 +203,20 @@ def sizes_of_rows(size: Array) -> Array:
     return np.repeat(size[:2], 3)
 
 
-def empty_belief(columns: int) -> Belief:
-    """Return the state without open frames; `columns` is the number of components of the root's acceleration."""
-    return Belief({}, np.zeros((0, columns)), FactoredMobility([], []), {}, {}, np.zeros((columns, columns)))
+def rows_of(frames: Mapping[int, int], frame: int | None) -> slice:
+    """Return the rows of one of the frames, whose numbers of rows are given in order."""
+    start = 0
+    for name, size in frames.items():
+        if name == frame:
+            return slice(start, start + size)
+        start += size
+    raise KeyError(frame)
+
+
+def empty_belief(root: Array) -> Belief:
+    """Return the state without open frames; `root` is the acceleration of the root per column."""
+    count = root.shape[1]
+    return Belief({}, root, np.zeros((0, count)), FactoredMobility([], []), {}, {}, np.zeros((count, count)))
 
 
 def with_measurement(
@@ -241,24 +237,31 @@ def with_measurement(
     now, count, n, width = now.in_factors(), len(K), len(now.X), on_root.shape[1]
     sizes = now.sizes_of(on, count)
     table = np.column_stack([now.coefficients(on, count), -on_root, K, sizes])
-    found, picks = [], []
+    found, wrenches, picks = [], [], []
     for _ in range(count):
         row, table, preferred = _most_free(now.factors, table, n)
-        c, e, own, size = row[:n], row[n : n + width], row[n + width : -1], row[-1]
-        P, k, sigma, alive = updated(now.factors, c, 0.0, tolerance * size)
-        inverse = where(alive, 1.0 / where(alive, sigma, 1.0), 0.0)
-        e = e - c @ now.X
+        c, e, K, size = row[:n], row[n : n + width], row[n + width : -1], row[-1]
+        P, own, sigma, alive = included_row(now.X, now.factors, c, 0.0, e, tolerance * size)
         some = where(size > 0.0, size, 1.0)
         now = now._replace(
-            X=now.X + outer(k, inverse * e),
+            X=now.X + outer(own.k, own.nu),
             P=P,
-            N=now.N + outer(e, inverse * e),
+            N=now.N + outer(own.e, own.nu),
             kept=now.kept + where(alive, 1, 0),
             weakest=minimum(now.weakest, where(alive, sigma / some, 1.0)),
         )
-        found.append(MeasuredRow(c, k, inverse, e, own))
+        found.append(own)
+        wrenches.append(K)
         picks.append(preferred)
-    return now, MeasuredRows(found, picks)
+
+    def in_order(r: Array) -> Array:
+        rest, ordered = r[:, None], []
+        for preferred in picks:
+            first, rest = picked(preferred, rest)
+            ordered.append(first[0])
+        return array(ordered)
+
+    return now, MeasuredRows(RowSums(found, in_order), wrenches)
 
 
 def _most_free(P: FactoredMobility, table: Array, n: int) -> tuple[Array, Array, list[Scalar]]:

@@ -13,21 +13,22 @@ of fewer than six joints between the root and the world, all are crossed togethe
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
+from holdfast.dynamics.closed.tip_response import if_regular
 from holdfast.dynamics.tree.belief import Belief
-from holdfast.dynamics.tree.forest_motion import BodyMotion
+from holdfast.dynamics.tree.forest_motion import BodyMotion, Limb
+from holdfast.dynamics.tree.order import Cross, CrossAll
+from holdfast.dynamics.tree.right_hand_sides import Inward, Outward
 from holdfast.dynamics.tree.settled import SettledBody
-from holdfast.dynamics.tree.steps import Back, Inward
+from holdfast.dynamics.tree.steps import PartMotion, StepKind, one_by_one
 from holdfast.model.forest import GROUND
 from holdfast.spatial.linalg import MaskedLDL, forward_substitution, ldl, ldl_solve
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, where
+from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
-from holdfast.spatial.symmetric import Symmetric6, mirrored
+from holdfast.spatial.symmetric import Symmetric6, mirrored, symmetric6
 from holdfast.spatial.vector import outer
 
 
@@ -47,7 +48,13 @@ class Crossed(NamedTuple):
     W: Array
 
 
-def cross(now: Belief, body: SettledBody, parent: int) -> tuple[Belief, Crossed]:
+def cross(now: Belief, step: Cross, of: PartMotion) -> tuple[Belief, Crossed]:
+    """Let what has been measured settle on the root, and the root on its parent, which is the root from here on."""
+    of.settling.add(step.body, symmetric6(now.N))
+    return across(now, of.settling.settle(step.body), of.motion.topology.parents[step.body])
+
+
+def across(now: Belief, body: SettledBody, parent: int) -> tuple[Belief, Crossed]:
     """Return the state with the parent as the root.
 
     Args:
@@ -62,28 +69,32 @@ def cross(now: Belief, body: SettledBody, parent: int) -> tuple[Belief, Crossed]
     if parent != GROUND:
         left = X - np.sum([outer(w, g) for w, g in zip(W.T, body.G.T, strict=True)], axis=0)
         before = array([shift_wrench(body.motion.reach, row) for row in left]).reshape(-1, 6)
-    none = np.zeros((before.shape[1], before.shape[1]))
-    then = released(now, D, columns)._replace(X=before, N=none)
+    count = before.shape[1]
+    root = np.eye(6)[:, :count]
+    then = released(now, D, columns)._replace(root=root, X=before, N=np.zeros((count, count)))
     return then, Crossed(body, parent, now.frames, W)
 
 
-def forward_cross(side: Inward, k: int, of: Crossed) -> None:
-    """Take a right-hand side across; its load on the root has settled on the body before."""
-    side.x = side.x + of.W @ side.nu[k]
-    side.on_root = np.zeros(0 if of.parent == GROUND else 6)
+def forward_cross(side: Inward, step: Cross, of: Crossed) -> Array:
+    """Let the load on the root settle, and take a right-hand side across; return nu of the joint."""
+    k = step.body
+    side.load[k] = side.load[k] + side.on_root - side.rhs.bodies[k].wrench
+    side.settle(k, of.parent, of.body)
+    side.x, side.on_root = side.x + of.W @ side.nu[k], np.zeros(0 if of.parent == GROUND else 6)
+    return side.nu[k]
 
 
-def back_cross(back: Back, of: Crossed, nu: Array, beta: Array) -> tuple[Array, Array]:
-    """Return qdd and beta of the body, whose parent has the acceleration beta (6,)."""
+def back_cross(back: Outward, step: Cross, of: Crossed, nu: Array) -> None:
+    """Find the acceleration of the body, whose parent's is known."""
     s, body = back.stacked(of.frames), of.body
     extra = ldl_solve(body.factors, s @ of.W)
     if body.motion.floats:
-        back.beta_root = nu + extra
-        return back.beta_root, back.beta_root
-    moved = body.moved(beta[:, None])[:, 0]
-    qdd = nu + extra - body.G.T @ moved
-    back.beta_root = moved + body.motion.H @ qdd
-    return qdd, back.beta_root
+        qdd = back.columns = nu + extra
+    else:
+        moved = body.moved(back.beta[of.parent][:, None])[:, 0]
+        qdd = nu + extra - body.G.T @ moved
+        back.columns = moved + body.motion.H @ qdd
+    back.moves(step.body, qdd, back.columns)
 
 
 class AllCrossed(NamedTuple):
@@ -102,48 +113,65 @@ class AllCrossed(NamedTuple):
     factors: MaskedLDL
 
 
-def cross_all(now: Belief, motions: list[BodyMotion], inertias: list[Symmetric6]) -> tuple[Belief, AllCrossed]:
-    """Return the state with the world as the root, if the columns are the rates of the joints between.
-
-    Args:
-        now: the state.
-        motions: the bodies, from the world outward.
-        inertias: their inertias with what hangs on them, whose joints are locked.
-    """
-    M = mass_matrix(motions, inertias) + now.N
+def cross_all(now: Belief, step: CrossAll, of: PartMotion) -> tuple[Belief, AllCrossed]:
+    """Move the root to the world, if the columns are the rates of the joints between."""
+    motions = [of.motion.bodies[k] for k in step.bodies]
+    N = now.N
+    for limb in _on_rates(of.motion.all_limbs, step):
+        N = N + limb.tip.base.Y
+    M = mass_matrix(motions, [of.settling.inertia[k] for k in step.bodies]) + mirrored(N)
     factors, X = ldl(M[::-1, ::-1], np.zeros(len(M))), now.X[:, ::-1]  # positive definite: every pivot counts
     columns = forward_substitution(factors.L, X.T).T  # X L^-T
-    then = released(now, factors.inverse_pivots, columns)._replace(X=np.zeros((len(X), 0)), N=np.zeros((0, 0)))
+    then = released(now, factors.inverse_pivots, columns)
+    then = then._replace(root=np.zeros((6, 0)), X=np.zeros((len(X), 0)), N=np.zeros((0, 0)))
     return then, AllCrossed(motions, now.frames, X, factors)
 
 
-def forward_cross_all(side: Inward, bodies: Sequence[int], of: AllCrossed) -> Array:
+def forward_cross_all(side: Inward, step: CrossAll, of: AllCrossed) -> Array:
     """Take a right-hand side across; return the rates without s for the way back."""
+    bodies, on_root = step.bodies, side.on_root
+    for limb in _on_rates(side.rhs.limbs, step):
+        on_root = on_root + limb.tip.base.wrench
     eps = rate_torques(of.motions, [side.load[k] for k in bodies], [side.rhs.bodies[k].torque for k in bodies])
-    free = ldl_solve(of.factors, (eps - side.on_root)[::-1])
+    free = ldl_solve(of.factors, (eps - on_root)[::-1])
     side.x, side.on_root = side.x + of.X @ free, np.zeros(0)
     return free
 
 
-def back_cross_all(back: Back, of: AllCrossed, free: Array) -> Array:
-    """Return the joint accelerations, from the world outward; they are the columns from here on.
+def back_cross_all(back: Outward, step: CrossAll, of: AllCrossed, free: Array) -> None:
+    """Find the joint accelerations, which are the columns from here on, and those of their bodies.
 
     They are NaN if the mass matrix is singular.
     """
     qdd = (free + ldl_solve(of.factors, back.stacked(of.frames) @ of.X))[::-1]
-    largest, first = reduce(maximum, of.factors.pivots, 0.0), qdd[0]
-    for pivot in of.factors.pivots:
-        first = where(pivot > LEAST_INERTIA * largest, first, float("nan"))
-    back.beta_root = concatenate([[first], qdd[1:]])
-    return back.beta_root
+    back.columns, under = if_regular(qdd, of.factors.pivots), np.zeros(6)
+    for a, k, body in zip(back.columns, step.bodies, of.motions, strict=True):
+        under = shift_twist(body.reach, under) + a * body.H[:, 0]
+        back.moves(k, array([a]), under)
 
 
-def columns_of(motions: Sequence[BodyMotion]) -> Array:
-    """Return the acceleration of the outermost body per joint rate, (6, c)."""
+def _on_rates(limbs: Sequence[Limb], step: CrossAll) -> list[Any]:
+    """Return the limbs whose base columns are the rates of the joints that are crossed."""
+    return [limb for limb in limbs if limb.on == step.bodies[-1] and limb.tip.base is not None]
+
+
+CROSSING_STEPS: dict[type, StepKind] = {
+    Cross: one_by_one(cross, forward_cross, back_cross),
+    CrossAll: one_by_one(cross_all, forward_cross_all, back_cross_all),
+}
+
+
+def columns_of(axes: Sequence[Array], reaches: Sequence[Array]) -> Array:
+    """Return the acceleration of the outermost body per joint rate, (6, c).
+
+    Args:
+        axes: (6,) H of bodies one on the other, from the world outward.
+        reaches: (3,) from the origin of the body before to its own [m].
+    """
     reach, columns = np.zeros(3), []
-    for body in reversed(motions):
-        columns.insert(0, shift_twist(reach, body.H[:, 0]))
-        reach = body.reach + reach
+    for H, own in zip(reversed(axes), reversed(reaches), strict=True):
+        columns.insert(0, shift_twist(reach, H))
+        reach = own + reach
     return array(columns).T
 
 

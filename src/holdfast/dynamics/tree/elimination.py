@@ -14,29 +14,21 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.dynamics.tree.belief import Belief, empty_belief
+from holdfast.dynamics.tree.belief import empty_belief
 from holdfast.dynamics.tree.branches import ForestPart
-from holdfast.dynamics.tree.crossing import (
-    Crossed,
-    columns_of,
-    cross,
-    cross_all,
-    forward_cross,
-    forward_cross_all,
-)
+from holdfast.dynamics.tree.crossing import columns_of
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.leaf import leaves_of
-from holdfast.dynamics.tree.leaves import forward_leaves, measure_leaves
 from holdfast.dynamics.tree.order import Cross, CrossAll, MeasureLeaves, PlanStep
-from holdfast.dynamics.tree.outward import Condensed, ForestFactors, ForestSolution, Outward, outward
+from holdfast.dynamics.tree.outward import STEPS, Condensed, ForestFactors, ForestSolution, outward
 from holdfast.dynamics.tree.plan import EliminationPlan, Settle
-from holdfast.dynamics.tree.settled import SettledBody, settled_body
-from holdfast.dynamics.tree.steps import STEPS, ForestLoads, Inward, PartMotion
+from holdfast.dynamics.tree.right_hand_sides import ForestLoads, Inward, Outward
+from holdfast.dynamics.tree.settled import Settling
+from holdfast.dynamics.tree.steps import PartMotion
 from holdfast.model.forest import GROUND
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar
-from holdfast.spatial.spatial_vector import shift_wrench
-from holdfast.spatial.symmetric import Symmetric6, mirrored, symmetric6
+from holdfast.spatial.symmetric import symmetric6
 
 
 def solved(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
@@ -116,159 +108,61 @@ def inward(
     motion: ForestMotion, plan: EliminationPlan, tolerance: float = RANK_TOLERANCE, others: Sequence[ForestLoads] = ()
 ) -> tuple[ForestFactors, list[Inward]]:
     """Return the factors, and every right-hand side carried inward; arguments as in `factorised`."""
-    sides = [Inward(rhs) for rhs in (right_hand_side(motion), *others)]
-    settled: dict[int, SettledBody] = {}
-    parts: dict[int, Condensed] = {}
-    inertia, alone = _with_limbs(motion, sides)
+    sides = [Inward.of(rhs) for rhs in (right_hand_side(motion), *others)]
+    settling, parts = Settling.of(motion), dict[int, Condensed]()
     for step in plan.inward:
         if isinstance(step, Settle):
-            k, parent = step.body, motion.topology.parents[step.body]
-            if k not in inertia:
-                continue  # within a limb
-            settled[k] = settled_body(motion.bodies[k], inertia[k], alone=k in alone)
-            if parent != GROUND:
-                inertia[parent], alone = inertia[parent].plus(settled[k].inertia_on_parent()), alone - {parent}
-            for side in sides:
-                _settle(side, k, parent, settled[k])
+            if step.body in settling.inertia:  # the others are within limbs
+                body = settling.settle(step.body)
+                for side in sides:
+                    side.settle(step.body, motion.topology.parents[step.body], body)
             continue
-        part = plan.parts[step.part]
-        steps = plan.steps[step.part]
-        of = PartMotion(motion, settled, part, first_columns(motion, part, steps), tolerance)
-        of = of._replace(apart=not of.width)  # with columns, they share too much with what comes before and after
+        part, steps = plan.parts[step.part], plan.steps[step.part]
+        now = empty_belief(first_root(motion, part, steps))
+        # with columns, leaves share too much with what comes before and after to be functions of their own
+        of = PartMotion(motion, settling, part, tolerance, apart=not now.width)
         leaves = [leaf for one in steps if isinstance(one, MeasureLeaves) for leaf in one.leaves]
-        of = of._replace(leaves=leaves_of(of, leaves))
-        now, factors = empty_belief(of.width), []
+        of, factors = of._replace(leaves=leaves_of(of, leaves)), []
+        width = now.width
         for side in sides:
-            side.begin(step.part, of.width)
-        now = _with_free_joints(now, sides, motion, steps)
+            side.begin(step.part, width)
         for one in steps:
-            if isinstance(one, MeasureLeaves):
-                now, found, kept = measure_leaves(now, sides, one, of)
-            elif isinstance(one, Cross):
-                k, parent = one.body, motion.topology.parents[one.body]
-                inertia[k] = inertia[k].plus(symmetric6(now.N))
-                settled[k] = settled_body(motion.bodies[k], inertia[k], alone=False)
-                now, found = cross(now, settled[k], parent)
-                of = of._replace(columns=np.eye(6)[:, : now.X.shape[1]])
-                if parent != GROUND:
-                    inertia[parent], alone = inertia[parent].plus(settled[k].inertia_on_parent()), alone - {parent}
-                kept = [_cross(side, k, parent, found) for side in sides]
-            elif isinstance(one, CrossAll):
-                now, found = cross_all(now, [motion.bodies[k] for k in one.bodies], [inertia[k] for k in one.bodies])
-                of = of._replace(columns=np.zeros((6, 0)))
-                kept = [forward_cross_all(side, one.bodies, found) for side in sides]
-            else:
-                now, found = STEPS[type(one)].factor(now, one, of)
-                kept = [STEPS[type(one)].forward(side, one, found) for side in sides]
+            now, found, kept = STEPS[type(one)].include(now, sides, one, of)
             factors.append(found)
-            for side, kept_of_side in zip(sides, kept, strict=True):
-                side.kept[step.part].append(kept_of_side)
-        parts[step.part] = Condensed(of, now, factors)
+            for side, of_side in zip(sides, kept, strict=True):
+                side.kept[step.part].append(of_side)
+        parts[step.part] = Condensed(width, now, factors)
         if part.root != GROUND and steps:
-            inertia[part.root], alone = inertia[part.root].plus(symmetric6(now.N)), alone - {part.root}
+            settling.add(part.root, symmetric6(now.N))
             for side in sides:
                 side.load[part.root] = side.load[part.root] + side.on_root
-    return ForestFactors(motion, plan, settled, parts), sides
+    return ForestFactors(motion, plan, settling.bodies, parts), sides
 
 
 def solve(factors: ForestFactors, others: Sequence[ForestLoads]) -> list[Outward]:
     """Return the accelerations and forces for other right-hand sides at the same configuration."""
-    motion, plan, sides = factors.motion, factors.plan, [Inward(rhs) for rhs in others]
-    _with_limbs(motion, sides)
-    for step in plan.inward:
-        if isinstance(step, Settle):
-            if step.body in factors.settled:
-                parent = motion.topology.parents[step.body]
-                for side in sides:
-                    _settle(side, step.body, parent, factors.settled[step.body])
-            continue
-        part, steps, condensed = plan.parts[step.part], plan.steps[step.part], factors.parts[step.part]
-        width = first_columns(motion, part, steps).shape[1]
-        for side in sides:
-            side.begin(step.part, width)
-        _with_free_joints(condensed.belief, sides, motion, steps)
-        for one, found in zip(steps, condensed.factors, strict=True):
-            for side in sides:
-                side.kept[step.part].append(_forward(side, one, found, motion))
-        if part.root != GROUND and steps:
-            for side in sides:
-                side.load[part.root] = side.load[part.root] + side.on_root
+    motion, plan, sides = factors.motion, factors.plan, [Inward.of(rhs) for rhs in others]
+    for side in sides:
+        for step in plan.inward:
+            if isinstance(step, Settle):
+                if step.body in factors.settled:
+                    side.settle(step.body, motion.topology.parents[step.body], factors.settled[step.body])
+                continue
+            root, steps, condensed = plan.parts[step.part].root, plan.steps[step.part], factors.parts[step.part]
+            side.begin(step.part, condensed.width)
+            for one, found in zip(steps, condensed.factors, strict=True):
+                side.kept[step.part].append(STEPS[type(one)].forward(side, one, found))
+            if root != GROUND and steps:
+                side.load[root] = side.load[root] + side.on_root
     return outward(factors, sides)
 
 
-def _forward(side: Inward, step: PlanStep, found: Any, motion: ForestMotion) -> Any:
-    """Take a right-hand side through a step; return what its way back needs."""
-    match step:
-        case MeasureLeaves():
-            return forward_leaves(side, step, found)
-        case Cross():
-            return _cross(side, step.body, motion.topology.parents[step.body], found)
-        case CrossAll():
-            return forward_cross_all(side, step.bodies, found)
-    return STEPS[type(step)].forward(side, step, found)
-
-
-def _with_limbs(motion: ForestMotion, sides: Sequence[Inward]) -> tuple[dict[int, Symmetric6], frozenset[int]]:
-    """Return the inertias of the bodies outside limbs with those of the limbs on them, and which bodies have none.
-
-    The loads of the limbs are added to those of the bodies.
-    """
-    within = {k for limb in motion.all_limbs for k in limb.bodies}
-    inertia = {k: body.inertia for k, body in enumerate(motion.bodies) if body is not None and k not in within}
-    carrying = set()
-    for limb in motion.all_limbs:
-        base = limb.tip.base
-        if base is not None:
-            locked = base.locked.moved(np.eye(3), limb.offset).symmetric()
-            inertia[limb.on] = inertia[limb.on].plus(locked)
-            if len(base.Y) == 6:
-                inertia[limb.on] = inertia[limb.on].plus(symmetric6(base.Y))
-            carrying.add(limb.on)
-    for side in sides:
-        side.load = {k: side.rhs.bodies[k].load for k in inertia}
-        for limb in side.rhs.limbs:
-            base = limb.tip.base
-            if base is not None:
-                side.load[limb.on] = side.load[limb.on] + shift_wrench(limb.offset, base.at_rest)
-                if len(base.wrench) == 6:
-                    side.load[limb.on] = side.load[limb.on] + base.wrench
-    return inertia, frozenset(inertia) - carrying
-
-
-def _settle(side: Inward, k: int, parent: int, body: SettledBody) -> None:
-    """Let the load of a body settle at its parent."""
-    load, torque = side.load[k], side.rhs.bodies[k].torque
-    falling = None if body.free is None else side.rhs.falling.get(k)
-    side.nu[k] = body.nu(load, torque) if falling is None else falling
-    if parent != GROUND:
-        side.load[parent] = side.load[parent] + body.load_on_parent(load, torque)
-
-
-def _cross(side: Inward, k: int, parent: int, found: Crossed) -> None:
-    """Take a right-hand side across the joint of a body, on which it settles first."""
-    side.load[k] = side.load[k] + side.on_root - side.rhs.bodies[k].wrench
-    _settle(side, k, parent, found.body)
-    forward_cross(side, k, found)
-
-
-def first_columns(motion: ForestMotion, part: ForestPart, steps: Sequence[PlanStep]) -> Array:
+def first_root(motion: ForestMotion, part: ForestPart, steps: Sequence[PlanStep]) -> Array:
     """Return the acceleration of the root per column with which a part begins, (6, c)."""
     for step in steps:
         if isinstance(step, CrossAll):
-            return columns_of([motion.bodies[k] for k in step.bodies])
+            bodies = [motion.bodies[k] for k in step.bodies]
+            return columns_of([body.H[:, 0] for body in bodies], [body.reach for body in bodies])
         if isinstance(step, Cross):
             return np.eye(6)
     return np.eye(6)[:, : 0 if part.root == GROUND else 6]
-
-
-def _with_free_joints(now: Belief, sides: Sequence[Inward], motion: ForestMotion, steps: Sequence[PlanStep]) -> Belief:
-    """Return the state with what the joints of limbs add to the equations of joint rates, if these are the columns."""
-    rates = {step.bodies[-1] for step in steps if isinstance(step, CrossAll)}
-    for limb in motion.all_limbs:
-        if limb.on in rates and limb.tip.base is not None:
-            now = now._replace(N=mirrored(now.N + limb.tip.base.Y))
-    for side in sides:
-        for limb in side.rhs.limbs:
-            if limb.on in rates and limb.tip.base is not None:
-                side.on_root = side.on_root + limb.tip.base.wrench
-    return now

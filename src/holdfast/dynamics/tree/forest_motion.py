@@ -224,18 +224,14 @@ class Limb(NamedTuple):
     """A serial arm with its response at its tip, of which at most one closure needs more than its base.
 
     Attributes:
-        bodies: its bodies; none for an anchor.
         on: the body on which it stands; `GROUND` for the world.
         offset: (3,) from the point of that body to its base [m].
-        tip: its tip response, with columns if it stands on a body.
-        rates: bodies whose joint rates are these columns; empty if they are the acceleration of the body below.
+        tip: its tip response, with columns if it stands on a body: of its acceleration, or of the joint rates below it.
     """
 
-    bodies: Sequence[int]
     on: int
     offset: Array
     tip: TipResponse
-    rates: Sequence[int] = ()
 
 
 def still_world(gravity: Array) -> Carrier:

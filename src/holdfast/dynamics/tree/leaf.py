@@ -19,8 +19,9 @@ from holdfast.dynamics.closed.tip_response import BaseResponse, TipResponse
 from holdfast.dynamics.tree.belief import first_by, picked
 from holdfast.dynamics.tree.forest_motion import ClosureMotion
 from holdfast.dynamics.tree.order import MeasureLeaf
+from holdfast.dynamics.tree.right_hand_sides import Inward, Outward
 from holdfast.dynamics.tree.settled import SettledBody
-from holdfast.dynamics.tree.steps import Back, Inward, PartMotion
+from holdfast.dynamics.tree.steps import PartMotion
 from holdfast.spatial.inertia import NO_INERTIA
 from holdfast.spatial.scalar import Array, array, each, where
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
@@ -61,7 +62,7 @@ def leaves_of(of: PartMotion, steps: Sequence[MeasureLeaf]) -> dict[int, LeafMea
     """Return the leaves of a part, by closure."""
     limbs = [step for step in steps if step.closure in of.motion.limbs]
     tips = [of.motion.limbs[step.closure].tip for step in limbs]
-    contacts = [contact_of(of.motion.closures[step.closure], step, limb=True) for step in limbs]
+    contacts = [contact_of(of.motion.closures[step.closure], step) for step in limbs]
     seen = each(measurement, contacts, tips)
     found = {step.closure: LeafMeasurement(step, c, m, []) for step, c, m in zip(limbs, contacts, seen, strict=True)}
     return found | {step.closure: chain_of_joints(of, step) for step in steps if step.closure not in found}
@@ -76,7 +77,7 @@ def chain_of_joints(of: PartMotion, step: MeasureLeaf) -> LeafMeasurement:
         D += body.factors.inverse_pivots.tolist()
     X, w = (_shifted(c.l_b if step.is_b else c.l_a, columns) for columns in (X, w))
     base = None if step.of is None else BaseResponse(X, np.zeros((6, 6)), _NONE, NO_INERTIA, _NONE)
-    mobility, contact = symmetric6((w * array(D)) @ w.T), contact_of(c, step, limb=False)
+    mobility, contact = symmetric6((w * array(D)) @ w.T), contact_of(c, step)
     tip = TipResponse(mobility, _NONE, array(D), lambda *_: (_NONE, _NONE), 0.0, base)
     seen = measurement(contact, tip)
     Z = array([seen_along(contact, seen, column) for column in w.T]).reshape(-1, len(seen.r)).T
@@ -127,14 +128,11 @@ def independent(noise: Noise, m: Measurement, scale: Array, typical: Array) -> I
     return IndependentRows(C, d, X, sizes, which, made_independent)
 
 
-def contact_of(c: ClosureMotion, step: MeasureLeaf, *, limb: bool) -> Contact:
-    """Return the contact of a leaf, about the point of the body at its other end.
-
-    The free acceleration of a limb includes zeta of its end; the other parts of r are the contact's.
-    """
+def contact_of(c: ClosureMotion, step: MeasureLeaf) -> Contact:
+    """Return the contact of a leaf, about the point of the body at its other end; r is its g - a."""
     if step.is_b:
-        return replace(c.contact, offset=c.l_a, g=_NONE if limb else c.zeta_b, a=c.g + c.zeta_a)
-    return replace(c.contact, offset=c.l_b, g=c.g if limb else c.g + c.zeta_a, a=c.zeta_b)
+        return replace(c.contact, offset=c.l_a, g=c.zeta_b, a=c.g + c.zeta_a)
+    return replace(c.contact, offset=c.l_b, g=c.g + c.zeta_a, a=c.zeta_b)
 
 
 def _shifted(l: Array, columns: Array) -> Array:
@@ -148,17 +146,14 @@ def right_hand_side(side: Inward, leaf: LeafMeasurement) -> Array:
         c, free = side.rhs.closures[step.closure], np.zeros((6, 1))
         for body, k in zip(leaf.joints, step.joints, strict=True):
             free = body.carried(free) + (body.motion.H @ side.nu[k])[:, None]
-        still = contact_of(c, step, limb=False)
+        still = contact_of(c, step)
         gap = shift_twist(c.l_b if step.is_b else c.l_a, free[:, 0]) + still.g - still.a
         return seen_along(leaf.contact, leaf.seen, gap)
-    return (
-        leaf.seen.r
-        if step.closure not in side.rhs.gaps
-        else seen_along(leaf.contact, leaf.seen, side.rhs.gaps[step.closure])
-    )
+    gap = side.rhs.gaps.get(step.closure)
+    return leaf.seen.r if gap is None else seen_along(leaf.contact, leaf.seen, gap)
 
 
-def through_joints(back: Back, leaf: LeafMeasurement, f: Array) -> None:
+def through_joints(back: Outward, leaf: LeafMeasurement, f: Array) -> None:
     """Let the wrench f of a leaf's end on the other body pass inward through its joints, if they are no limb."""
     if leaf.joints:
         c = back.rhs.closures[leaf.step.closure]

@@ -26,7 +26,7 @@ from holdfast.dynamics.closed.filter_updates import (
     terminal_sum,
 )
 from holdfast.dynamics.closed.measurement import Measurement, size_at_centre
-from holdfast.dynamics.tree.belief import Belief, sizes_of_rows
+from holdfast.dynamics.tree.belief import Belief, rows_of, sizes_of_rows
 from holdfast.dynamics.tree.leaf import (
     LeafMeasurement,
     Noise,
@@ -36,11 +36,11 @@ from holdfast.dynamics.tree.leaf import (
     wrench_at_contact,
 )
 from holdfast.dynamics.tree.order import ROOT, MeasureLeaves
+from holdfast.dynamics.tree.right_hand_sides import Inward, Outward
 from holdfast.dynamics.tree.steps import (
-    Back,
     Closed,
-    Inward,
     PartMotion,
+    StepKind,
     back_close_frame,
     close_frame,
     forward_close_frame,
@@ -111,7 +111,7 @@ def measure_leaves(
     x, load = [side.x for side in sides], [side.on_root for side in sides]
     passing, frames = Passing(now.X, P, first, now.N, now.kept, now.weakest, x, load), dict(now.frames)
     r = [[right_hand_side(side, leaf) for side in sides] for leaf in (*summed, *ending, *others)]
-    seen = [_with_columns(leaf.seen, of.width) for leaf in (*summed, *ending)]
+    seen = [_with_columns(leaf.seen, now.width) for leaf in (*summed, *ending)]
     loop = scan if of.apart else _in_turn
     passing, sums = loop(by_sum, passing, seen[: len(summed)], r[: len(summed)])
     rows, end, ends, closed, closes = [], [], [None for _ in sides], None, [None for _ in sides]
@@ -178,13 +178,13 @@ def by_rows(
         def include(now: Passing, noise: Noise, m: Measurement, r: list[Array]) -> tuple[Passing, Any]:
             return _by_rows(now, noise, m, r, m.pivot_sizes(size), m.typical_pivots(size), tolerance)
 
-        loop, seen = scan if of.apart else _in_turn, [_with_columns(leaf.seen, of.width) for leaf in leaves]
+        loop, seen = scan if of.apart else _in_turn, [_with_columns(leaf.seen, now.width) for leaf in leaves]
         return *loop(include, passing, noises, seen, r), dict(now.frames)
     frames: dict[int, int] = dict(now.frames)
     if any(leaf.step.other in (None, ROOT) for leaf in leaves):
         frames[WORLD_FRAME] = 6
         passing = _with_world(passing)
-    items = [_among(leaf, now, frames, of) for leaf in leaves]
+    items = [_among(leaf, now, frames) for leaf in leaves]
 
     def include_among(now: Passing, noise: Noise, m: Measurement, sizes: Array, r: list[Array]) -> tuple[Passing, Any]:
         return _by_rows(now, noise, m, r, m.own_sizes() + sizes, np.diag(m.R) + sizes / 3.0, tolerance)
@@ -212,9 +212,9 @@ def forward_leaves(side: Inward, step: MeasureLeaves, of: Leaves) -> Kept:
     return Kept(sums, None, rows, closed)
 
 
-def back_leaves(backs: Sequence[Back], step: MeasureLeaves, of: Leaves, kept: Sequence[Kept]) -> None:
+def back_leaves(backs: Sequence[Outward], step: MeasureLeaves, of: Leaves, kept: Sequence[Kept]) -> None:
     """Find the wrenches of leaves, for all right-hand sides together."""
-    betas, last = [back.beta_root for back in backs], []
+    betas, last = [back.columns for back in backs], []
     loop = scan if of.apart else _in_turn
     if of.end:
         (found,) = (each if of.apart else _each_in_turn)(
@@ -224,7 +224,7 @@ def back_leaves(backs: Sequence[Back], step: MeasureLeaves, of: Leaves, kept: Se
         )
         s, last = [], [[own for _, own in found]]
         for back, (alpha, own) in zip(backs, found, strict=True):
-            back.beta[step.leaving] = alpha
+            back.moves(step.leaving, alpha, alpha)
             s.append(back.rhs.bodies[step.leaving].wrench + own)
     else:
         for back, one in zip(backs, kept, strict=True):
@@ -245,7 +245,7 @@ def back_leaves(backs: Sequence[Back], step: MeasureLeaves, of: Leaves, kept: Se
         back.s.pop(WORLD_FRAME, None)
     from_leaves = [*of_sums[::-1], *last, *of_rows[::-1]]
     ends = [leaf.step.other if leaf.step.other in of.frames else WORLD_FRAME for leaf in of.leaves]
-    places = [_rows_of(end, of.frames) for end in ends]
+    places = [rows_of(of.frames, end) for end in ends]
     contacts = [leaf.contact for leaf in of.leaves]
     for i, back in enumerate(backs):
         found = each(wrench_at_contact, contacts, [of[i][at] for of, at in zip(from_leaves, places, strict=True)])
@@ -322,11 +322,11 @@ def _with_columns(m: Measurement, width: int) -> Measurement:
     return m if m.X.shape[1] == width else replace(m, X=np.zeros((len(m.r), width)))
 
 
-def _among(leaf: LeafMeasurement, now: Belief, frames: Mapping[int, int], of: PartMotion) -> tuple[Measurement, Array]:
+def _among(leaf: LeafMeasurement, now: Belief, frames: Mapping[int, int]) -> tuple[Measurement, Array]:
     """Return a leaf's rows on all open frames, and the part of the open frames in their sizes (rows,)."""
     m, step = leaf.seen, leaf.step
     ends = [(step.other, m.C), *([] if step.of is None else [(step.of, -m.X)])]
-    on, on_root = of.placed(ends)
+    on, on_root = now.placed(ends)
     sizes = now.sizes_of(on, len(m.r))
     world = [m.C if step.other in (None, ROOT) else 0.0 * m.C] if WORLD_FRAME in frames else []
     C = np.concatenate([now.coefficients(on, len(m.r)), *world], axis=1)
@@ -351,10 +351,4 @@ def _by_leaf(of_sides: list[list[Any]]) -> list[list[Any]]:
     return [list(one) for one in zip(*of_sides, strict=True)]
 
 
-def _rows_of(frame: int | None, frames: Mapping[int, int]) -> slice:
-    start = 0
-    for name, size in frames.items():
-        if name == frame:
-            return slice(start, start + size)
-        start += size
-    raise KeyError(frame)
+LEAF_STEPS: dict[type, StepKind] = {MeasureLeaves: StepKind(measure_leaves, forward_leaves, back_leaves)}

@@ -16,13 +16,14 @@ import numpy as np
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.dynamics.tree.crossing import cross
-from holdfast.dynamics.tree.elimination import ForestFactors, Outward, factorised, inward, solve
+from holdfast.dynamics.tree.crossing import across
+from holdfast.dynamics.tree.elimination import factorised, inward, solve
 from holdfast.dynamics.tree.forest_motion import BodyMotion, Carrier, ClosureMotion, ForestMotion, Limb
 from holdfast.dynamics.tree.leaves import Leaves
 from holdfast.dynamics.tree.order import CloseFrame, CrossAll, MeasureLeaves, PlanStep
+from holdfast.dynamics.tree.outward import ForestFactors
 from holdfast.dynamics.tree.plan import EliminationPlan, plan_of
-from holdfast.dynamics.tree.steps import ForestLoads
+from holdfast.dynamics.tree.right_hand_sides import ForestLoads, Outward
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkBody, TrunkMotion
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import GROUND, Topology
@@ -80,7 +81,7 @@ class ChainElimination(NamedTuple):
         rank: number of independent rows of the constraint, contact freedoms included.
         weakest_pivot: the smallest pivot for an independent row, relative to a typical one.
         independent: per grasp, (rows,) 1 for the independent rows, if the contacts have masks of rows.
-        factors: for further right-hand sides.
+        factors: for further right-hand sides; None of a solution that was chosen among several.
         trunk: acceleration of the trunk; None without one.
         betas: per body of the trunk, beta (6,).
         columns: by arm on the trunk, the accelerations of its columns, (c,).
@@ -93,7 +94,7 @@ class ChainElimination(NamedTuple):
     rank: Scalar
     weakest_pivot: Scalar
     independent: list[Array]
-    factors: ChainFactors
+    factors: ChainFactors | None
     trunk: TrunkAcceleration | None = None
     betas: Sequence[Array] = ()
     columns: Mapping[str, Array] = MappingProxyType({})
@@ -191,7 +192,7 @@ def object_response(
     for i, part in forest.parts.items():
         now, root = part.belief, plan.parts[i].root
         if now.frames:
-            now = now if root == GROUND else cross(now, forest.settled[root], GROUND)[0]
+            now = now if root == GROUND else across(now, forest.settled[root], GROUND)[0]
             P = now.dense()
             mobility = symmetric6(now.factors.dense() if P is None else P)
     rank = forest.rank + chain.contact_freedom_count
@@ -250,18 +251,18 @@ def _forest_motion(
     if trunk is not None:
         bodies[: len(graph.trunk)] = [_trunk_body(body) for body in trunk.bodies]
     bodies[graph.held_object] = _object(free)
-    limbs = {name: _limb(graph, trunk, name, tip) for name, tip in tips.items()}
+    limbs = {name: _limb(trunk, name, tip) for name, tip in tips.items()}
     about = dict(zip(chain.grasps, contacts, strict=True))
     closures = [_closure(about[name]) for name in graph.closures]
     closed = {i: limbs.pop(name) for name, i in graph.closures.items()}
     return ForestMotion(graph, bodies, closures, [], closed, list(limbs.values()))
 
 
-def _limb(graph: ChainGraph, trunk: TrunkMotion | None, name: str, tip: TipResponse) -> Limb:
+def _limb(trunk: TrunkMotion | None, name: str, tip: TipResponse) -> Limb:
     mount = None if trunk is None else trunk.mounts.get(name)
     if trunk is None or mount is None:
-        return Limb(graph.arms[name], GROUND, _NONE, tip)
-    return Limb(graph.arms[name], mount.body, mount.offset, tip, graph.trunk if trunk.by_joints else ())
+        return Limb(GROUND, _NONE, tip)
+    return Limb(mount.body, mount.offset, tip)
 
 
 def _closure(c: Contact) -> ClosureMotion:

@@ -9,19 +9,18 @@ from collections.abc import Mapping, Sequence
 from functools import reduce
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from holdfast.dynamics.tree.belief import Belief
-from holdfast.dynamics.tree.crossing import AllCrossed, back_cross, back_cross_all
+from holdfast.dynamics.tree.crossing import CROSSING_STEPS
 from holdfast.dynamics.tree.forest_motion import ForestMotion
-from holdfast.dynamics.tree.leaves import back_leaves
-from holdfast.dynamics.tree.order import Cross, CrossAll, MeasureLeaves
-from holdfast.dynamics.tree.plan import Condense, EliminationPlan, Settle
+from holdfast.dynamics.tree.leaves import LEAF_STEPS
+from holdfast.dynamics.tree.plan import Condense, EliminationPlan
+from holdfast.dynamics.tree.right_hand_sides import Inward, Outward
 from holdfast.dynamics.tree.settled import SettledBody
-from holdfast.dynamics.tree.steps import STEPS, Back, Inward, PartMotion
+from holdfast.dynamics.tree.steps import FRAME_STEPS, StepKind
 from holdfast.model.forest import GROUND
 from holdfast.spatial.scalar import Array, Scalar, minimum
-from holdfast.spatial.spatial_vector import shift_twist
+
+STEPS: dict[type, StepKind] = {**FRAME_STEPS, **LEAF_STEPS, **CROSSING_STEPS}
 
 
 class ForestSolution(NamedTuple):
@@ -46,25 +45,16 @@ class ForestSolution(NamedTuple):
     pivots: list[Array]
 
 
-class Outward(NamedTuple):
-    """Accelerations and forces for one right-hand side, by body, closure and coupling; without bodies of limbs."""
-
-    qdd: dict[int, Array]
-    beta: dict[int, Array]
-    wrenches: dict[int, Array]
-    multipliers: dict[int, Scalar]
-
-
 class Condensed(NamedTuple):
     """A part after its steps.
 
     Attributes:
-        of: what its steps needed.
+        width: number of columns of its root at first.
         belief: the last state, without open frames.
         factors: per step, its factors.
     """
 
-    of: PartMotion
+    width: int
     belief: Belief
     factors: list[Any]
 
@@ -111,71 +101,29 @@ class ForestFactors(NamedTuple):
 
 def outward(factors: ForestFactors, sides: Sequence[Inward]) -> list[Outward]:
     """Return the solutions, from the world outward."""
-    motion, plan = factors.motion, factors.plan
-    count, backs = len(sides), [{} for _ in sides]
-    beta: list[dict[int, Array]] = [{GROUND: np.zeros(6)} for _ in sides]
-    qdd: list[dict[int, Array]] = [{} for _ in sides]
+    plan, found = factors.plan, [Outward(side) for side in sides]
     for step in reversed(plan.inward):
         if isinstance(step, Condense):
-            condensed, root = factors.parts[step.part], plan.parts[step.part].root
-            width = 0 if root == GROUND else 6
-            now = [Back(side.rhs, beta[i][root][:width]) for i, side in enumerate(sides)]
-            kinds = zip(plan.steps[step.part], condensed.factors, strict=True)
-            for j, (one, found) in reversed(list(enumerate(kinds))):
+            root, steps = plan.parts[step.part].root, plan.steps[step.part]
+            for one in found:
+                one.columns = one.beta[root][: 0 if root == GROUND else 6]
+            for j in reversed(range(len(steps))):
                 kept = [side.kept[step.part][j] for side in sides]
-                if isinstance(one, MeasureLeaves):
-                    back_leaves(now, one, found, kept)
-                    continue
-                if isinstance(one, CrossAll):
-                    for i, back in enumerate(now):
-                        _with_rates(one.bodies, found, back_cross_all(back, found, kept[i]), qdd[i], beta[i])
-                    continue
-                if isinstance(one, Cross):
-                    for i, back in enumerate(now):
-                        below = beta[i][motion.topology.parents[one.body]]
-                        k, nu = one.body, sides[i].nu[one.body]
-                        qdd[i][k], beta[i][k] = back_cross(back, found, nu, below)
-                    continue
-                for back, of_side in zip(now, kept, strict=True):
-                    STEPS[type(one)].back(back, one, found, of_side)
-            for i, back in enumerate(now):
-                backs[i][step.part] = back
+                STEPS[type(steps[j])].back(found, steps[j], factors.parts[step.part].factors[j], kept)
         elif step.body in factors.settled:
-            for i in range(count):
-                _accelerate(factors, step, sides[i], backs[i], beta[i], qdd[i])
-    solutions = []
-    for i in range(count):
-        wrenches = {j: f for one in backs[i].values() for j, f in one.wrenches.items()}
-        multipliers = {j: x for one in backs[i].values() for j, x in one.multipliers.items()}
-        solutions.append(Outward(qdd[i], beta[i], wrenches, multipliers))
-    return solutions
+            for one in found:
+                _accelerate(factors, step.body, one)
+    return found
 
 
-def _with_rates(bodies: Sequence[int], of: AllCrossed, a: Array, qdd: dict[int, Array], beta: dict[int, Array]) -> None:
-    """Note the accelerations of joints that have been crossed together, and of their bodies, from the world outward."""
-    under = np.zeros(6)
-    for j, (k, body) in enumerate(zip(bodies, of.motions, strict=True)):
-        under = shift_twist(body.reach, under) + a[j] * body.H[:, 0]
-        qdd[k], beta[k] = a[[j]], under
-
-
-def _accelerate(
-    factors: ForestFactors,
-    step: Settle,
-    side: Inward,
-    backs: Mapping[int, Back],
-    beta: dict[int, Array],
-    qdd: dict[int, Array],
-) -> None:
-    """Find the acceleration of a body whose parent's is known."""
-    k, body = step.body, factors.settled[step.body]
+def _accelerate(factors: ForestFactors, k: int, of: Outward) -> None:
+    """Find the acceleration of a body whose parent's is known, unless a step has found it."""
+    body, nu = factors.settled[k], of.inward.nu[k]
     if body.motion.floats:
-        if step.part is None:
-            qdd[k] = beta[k] = side.nu[k] + body.pushed(side.rhs.bodies[k].wrench)
-        else:
-            qdd[k] = beta[k] = backs[step.part].beta[k]
+        if k not in of.beta:
+            free = nu + body.pushed(of.rhs.bodies[k].wrench)
+            of.moves(k, free, free)
         return
-    assert step.part is not None  # only free bodies are roots
-    moved = body.moved(beta[factors.motion.topology.parents[k]][:, None])[:, 0]
-    qdd[k] = side.nu[k] + backs[step.part].extra.get(k, 0.0) - body.G.T @ moved
-    beta[k] = moved + body.motion.H @ qdd[k]
+    moved = body.moved(of.beta[factors.motion.topology.parents[k]][:, None])[:, 0]
+    qdd = nu + of.extra.get(k, 0.0) - body.G.T @ moved
+    of.moves(k, qdd, moved + body.motion.H @ qdd)

@@ -10,6 +10,7 @@ treated apart: M^-1 w of a light body would be huge, and would cancel later.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,8 @@ import numpy as np
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility
 from holdfast.dynamics.closed.object_motion import FreeBody
 from holdfast.dynamics.tree.belief import Untouched
-from holdfast.dynamics.tree.forest_motion import BodyMotion
+from holdfast.dynamics.tree.forest_motion import BodyMotion, ForestMotion
+from holdfast.model.forest import GROUND
 from holdfast.spatial.linalg import MaskedLDL, back_substitution, ldl, ldl_solve
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
@@ -121,3 +123,45 @@ def settled_body(motion: BodyMotion, inertia: Symmetric6, *, alone: bool) -> Set
     columns = H @ back_substitution(factors.L, np.eye(len(D)))
     G = np.eye(6) if motion.floats else ldl_solve(factors, IH.T).T
     return SettledBody(motion, factors, columns, G, inertia, None)
+
+
+@dataclass
+class Settling:
+    """The bodies of a forest while they settle, from the outermost inward.
+
+    Attributes:
+        motion: the forest's motion.
+        inertia: by body, I(k) of what has settled on it so far.
+        loaded: the bodies on which something hangs.
+        bodies: those that have settled.
+    """
+
+    motion: ForestMotion
+    inertia: dict[int, Symmetric6]
+    loaded: set[int] = field(default_factory=set)
+    bodies: dict[int, SettledBody] = field(default_factory=dict)
+
+    @staticmethod
+    def of(motion: ForestMotion) -> Settling:
+        """Return the bodies outside limbs before any has settled, with the inertias of the limbs on them."""
+        found = Settling(motion, {k: b.inertia for k, b in enumerate(motion.bodies) if b is not None})
+        for limb in motion.all_limbs:
+            base = limb.tip.base
+            if base is not None:
+                found.add(limb.on, base.locked.moved(np.eye(3), limb.offset).symmetric())
+                if len(base.Y) == 6:  # otherwise they belong to joint rates (`crossing`)
+                    found.add(limb.on, symmetric6(base.Y))
+        return found
+
+    def add(self, k: int, inertia: Symmetric6) -> None:
+        """Let an inertia settle on a body."""
+        self.inertia[k] = self.inertia[k].plus(inertia)
+        self.loaded.add(k)
+
+    def settle(self, k: int) -> SettledBody:
+        """Let a body settle at its parent; return it."""
+        body = settled_body(self.motion.bodies[k], self.inertia[k], alone=k not in self.loaded)
+        self.bodies[k], parent = body, self.motion.topology.parents[k]
+        if parent != GROUND:
+            self.add(parent, body.inertia_on_parent())
+        return body

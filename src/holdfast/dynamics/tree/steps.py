@@ -15,7 +15,6 @@ with the external wrench w of a free body. Chains of joints that end at one clos
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -25,7 +24,7 @@ from holdfast.dynamics.closed.factored_mobility import FactoredMobility
 from holdfast.dynamics.closed.measurement import size_at_centre
 from holdfast.dynamics.tree.belief import Belief, MeasuredRows, sizes_of_rows, with_measurement
 from holdfast.dynamics.tree.branches import ForestPart
-from holdfast.dynamics.tree.forest_motion import ClosureMotion, ForestMotion, Limb
+from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.order import (
     ROOT,
     AddFree,
@@ -35,91 +34,12 @@ from holdfast.dynamics.tree.order import (
     MoveFrame,
     OpenFrame,
 )
-from holdfast.dynamics.tree.settled import SettledBody
+from holdfast.dynamics.tree.right_hand_sides import Inward, Outward
+from holdfast.dynamics.tree.settled import SettledBody, Settling
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, scan
 
 LEAST_MOBILE = 1e-16  # relative to a free body's own mobility
-
-
-class ForestLoads(NamedTuple):
-    """Loads and right-hand sides of the rows of a forest, on which its factors do not depend.
-
-    Attributes:
-        bodies: per body, its loads, torques and external wrenches; None within limbs.
-        falling: by free body, its acceleration without an external wrench, if nothing hangs on it.
-        closures: the closures, of which only the right-hand sides matter.
-        coupled: per coupling, the right-hand side of its row.
-        limbs: limbs on bodies, of which only the loads on their columns matter.
-        gaps: by closure of a limb, (6,) relative acceleration at its tip without any force; without it, that of the
-            limb's measurement.
-    """
-
-    bodies: Sequence[Any]
-    falling: Mapping[int, Array]
-    closures: Sequence[ClosureMotion]
-    coupled: Sequence[Scalar]
-    limbs: Sequence[Limb] = ()
-    gaps: Mapping[int, Array] = MappingProxyType({})
-
-
-@dataclass
-class Inward:
-    """A right-hand side on its way inward.
-
-    Attributes:
-        rhs: the right-hand side.
-        load: by body, (6,) z of everything that has settled on it.
-        nu: by body, (m,) D^-1 eps; of a free body -D^-1 z.
-        x: (n,) accelerations of the open frames of the present part.
-        on_root: (c,) load on its root.
-        kept: per part, for every step what its way back needs.
-    """
-
-    rhs: ForestLoads
-    load: dict[int, Array] = field(default_factory=dict)
-    nu: dict[int, Array] = field(default_factory=dict)
-    x: Array = field(default_factory=lambda: np.zeros(0))
-    on_root: Array = field(default_factory=lambda: np.zeros(0))
-    kept: dict[int, list[Any]] = field(default_factory=dict)
-
-    def begin(self, part: int, width: int) -> None:
-        """Begin the steps of a part whose root has an acceleration of `width` components."""
-        self.x, self.on_root, self.kept[part] = np.zeros(0), np.zeros(width), []
-
-
-@dataclass
-class Back:
-    """The way back through the steps of a part.
-
-    Attributes:
-        rhs: the right-hand side.
-        beta_root: (c,) acceleration of the part's root.
-        s: by frame, the wrench on it.
-        extra: by body, the joint accelerations that forces within the part add.
-        beta: by free body, its acceleration.
-        wrenches: by closure, f about its contact point.
-        multipliers: by coupling, lambda.
-    """
-
-    rhs: ForestLoads
-    beta_root: Array
-    s: dict[int, Array] = field(default_factory=dict)
-    extra: dict[int, Array] = field(default_factory=dict)
-    beta: dict[int, Array] = field(default_factory=dict)
-    wrenches: dict[int, Array] = field(default_factory=dict)
-    multipliers: dict[int, Array] = field(default_factory=dict)
-
-    def stacked(self, frames: Mapping[int, int]) -> Array:
-        """Return s as one vector (n,)."""
-        return concatenate([np.zeros(0), *(self.s[name] for name in frames)])
-
-    def unstack(self, frames: Mapping[int, int], s: Array) -> None:
-        """Put s from one vector (n,)."""
-        start = 0
-        for name, size in frames.items():
-            self.s[name] = s[start : start + size]
-            start += size
 
 
 class PartMotion(NamedTuple):
@@ -127,37 +47,24 @@ class PartMotion(NamedTuple):
 
     Attributes:
         motion: the forest's motion.
-        settled: its settled bodies, by index.
+        settling: its bodies; those on which the part's steps act have settled.
         part: the part.
-        columns: (6, c) acceleration of the root per column, the identity, or joint rates; (6, 0) if it is the world.
         tolerance: relative size of a pivot that counts as zero.
         leaves: its leaves, by closure.
         apart: whether machine code has the updates of leaves as functions of their own.
     """
 
     motion: ForestMotion
-    settled: Mapping[int, SettledBody]
+    settling: Settling
     part: ForestPart
-    columns: Array
     tolerance: float = RANK_TOLERANCE
     leaves: Mapping[int, Any] = MappingProxyType({})
     apart: bool = True
 
     @property
-    def width(self) -> int:
-        """Number c of columns."""
-        return self.columns.shape[1]
-
-    def placed(self, ends: Sequence[tuple[int | None, Array]]) -> tuple[dict[int, Array], Array]:
-        """Return rows by open frame, and those on the columns (rows, c)."""
-        on: dict[int, Array] = {}
-        on_root = np.zeros((len(ends[0][1]), self.width))
-        for frame, rows in ends:
-            if frame == ROOT:
-                on_root = on_root + (rows if rows.shape[1] == self.width else rows @ self.columns)
-            elif frame is not None:
-                on[frame] = on[frame] + rows if frame in on else rows
-        return on, on_root
+    def settled(self) -> Mapping[int, SettledBody]:
+        """The bodies that have settled."""
+        return self.settling.bodies
 
 
 def add_free(now: Belief, step: AddFree, of: PartMotion) -> tuple[Belief, SettledBody]:
@@ -172,7 +79,7 @@ def add_free(now: Belief, step: AddFree, of: PartMotion) -> tuple[Belief, Settle
     most, _ = scan(lambda most, size: (maximum(most, size), None), LEAST_MOBILE * own, sizes)
     size = minimum(own, most) if sizes else own
     prior = np.diag(sizes_of_rows(size) / 3.0)
-    X, sizes = np.zeros((6, of.width)), {**now.size, step.frame: size}
+    X, sizes = np.zeros((6, now.width)), {**now.size, step.frame: size}
     if not now.frames:
         return now._replace(frames={step.frame: 6}, X=X, P=untouched, prior={step.frame: prior}, size=sizes), body
     now = now.with_frame(step.frame, X, np.zeros((6, len(now.factors.D))), prior)._replace(size=sizes)
@@ -184,7 +91,7 @@ def forward_add_free(side: Inward, step: AddFree, body: SettledBody) -> None:
     side.x = concatenate([side.x, side.nu[step.body]])
 
 
-def back_add_free(back: Back, step: AddFree, body: SettledBody, kept: Any) -> None:
+def back_add_free(back: Outward, step: AddFree, body: SettledBody, kept: Any) -> None:
     """Leave out a free body."""
     del back.s[step.frame]
 
@@ -200,7 +107,7 @@ def open_frame(now: Belief, step: OpenFrame, of: PartMotion) -> tuple[Belief, Co
     if step.of is not None and step.of != ROOT:
         at = now.slice_of(step.of)
         return now.with_frame(step.frame, now.X[at], now.factors_at(step.of), now.prior[step.of]), Copied(at)
-    X = of.columns if step.of == ROOT else np.zeros((6, of.width))
+    X = now.root if step.of == ROOT else np.zeros((6, now.width))
     return now.with_frame(step.frame, X, np.zeros((6, len(now.factors.D))), np.zeros((6, 6))), Copied(None)
 
 
@@ -209,7 +116,7 @@ def forward_open_frame(side: Inward, step: OpenFrame, of: Copied) -> None:
     side.x = concatenate([side.x, np.zeros(6) if of.at is None else side.x[of.at]])
 
 
-def back_open_frame(back: Back, step: OpenFrame, of: Copied, kept: Any) -> None:
+def back_open_frame(back: Outward, step: OpenFrame, of: Copied, kept: Any) -> None:
     """Return a copy's wrench to the frame that was copied."""
     s = back.s.pop(step.frame)
     if step.of is not None and step.of != ROOT:
@@ -247,7 +154,7 @@ def forward_move_frame(side: Inward, step: MoveFrame, of: Moved) -> None:
     side.x = concatenate([side.x[: of.at.start], moved, side.x[of.at.stop :], noted])
 
 
-def back_move_frame(back: Back, step: MoveFrame, of: Moved, kept: Any) -> None:
+def back_move_frame(back: Outward, step: MoveFrame, of: Moved, kept: Any) -> None:
     """Move the wrench on a frame inward over a joint."""
     noted = 0.0 if step.note is None else back.s.pop(step.note)
     back.extra[step.body], back.s[step.frame] = of.body.through(back.s[step.frame], noted)
@@ -263,20 +170,19 @@ class Imposed(NamedTuple):
 def measure(now: Belief, step: Measure, of: PartMotion) -> tuple[Belief, Imposed]:
     """Impose a closure between open frames, the root and the world."""
     c = of.motion.closures[step.closure]
-    on, on_root = of.placed([(step.a, c.on_a), (step.b, c.on_b)])
+    on, on_root = now.placed([(step.a, c.on_a), (step.b, c.on_b)])
     then, rows = with_measurement(now, on, on_root, c.K, of.tolerance)
     return then, Imposed(now.frames, rows)
 
 
 def forward_measure(side: Inward, step: Measure, of: Imposed) -> list[Scalar]:
     """Impose a closure's right-hand side."""
-    side.x, side.on_root, nus = of.rows.forward(side.x, side.on_root, side.rhs.closures[step.closure].r)
-    return nus
+    return _imposed(side, of, side.rhs.closures[step.closure].r)
 
 
-def back_measure(back: Back, step: Measure, of: Imposed, nus: list[Scalar]) -> None:
+def back_measure(back: Outward, step: Measure, of: Imposed, nus: list[Scalar]) -> None:
     """Find the wrench of a closure."""
-    s, back.wrenches[step.closure] = of.rows.back(back.stacked(of.frames), nus, back.beta_root)
+    s, back.wrenches[step.closure] = of.rows.back(back.stacked(of.frames), nus, back.columns)
     back.unstack(of.frames, s)
 
 
@@ -287,19 +193,18 @@ def couple(now: Belief, step: Couple, of: PartMotion) -> tuple[Belief, Imposed]:
         frame = frames[body]
         row = coefficient * np.eye(now.frames[frame])[component][None]
         on[frame] = on.get(frame, 0.0) + row
-    then, rows = with_measurement(now, on, np.zeros((1, of.width)), np.ones((1, 1)), of.tolerance)
+    then, rows = with_measurement(now, on, np.zeros((1, now.width)), np.ones((1, 1)), of.tolerance)
     return then, Imposed(now.frames, rows)
 
 
 def forward_couple(side: Inward, step: Couple, of: Imposed) -> list[Scalar]:
     """Impose a coupling's right-hand side."""
-    side.x, side.on_root, nus = of.rows.forward(side.x, side.on_root, array([side.rhs.coupled[step.coupling]]))
-    return nus
+    return _imposed(side, of, array([side.rhs.coupled[step.coupling]]))
 
 
-def back_couple(back: Back, step: Couple, of: Imposed, nus: list[Scalar]) -> None:
+def back_couple(back: Outward, step: Couple, of: Imposed, nus: list[Scalar]) -> None:
     """Find the multiplier of a coupling."""
-    s, multiplier = of.rows.back(back.stacked(of.frames), nus, back.beta_root)
+    s, multiplier = of.rows.back(back.stacked(of.frames), nus, back.columns)
     back.multipliers[step.coupling] = multiplier[0]
     back.unstack(of.frames, s)
 
@@ -331,40 +236,59 @@ def forward_close_frame(side: Inward, step: CloseFrame, of: Closed) -> Array:
     x, own = side.x, side.x[of.at]
     if step.body is not None:
         w = side.rhs.bodies[step.body].wrench
-        side.on_root = side.on_root - of.X.T @ w
-        for D, column in zip(of.P.D, of.P.w, strict=True):
-            x = x + (D * (column[of.at] @ w)) * column
+        x, side.on_root = x + of.P.apply(w, at=of.at), side.on_root - of.X.T @ w
     side.x = concatenate([x[: of.at.start], x[of.at.stop :]])
     return own
 
 
-def back_close_frame(back: Back, step: CloseFrame, of: Closed, own: Array) -> None:
+def back_close_frame(back: Outward, step: CloseFrame, of: Closed, own: Array) -> None:
     """Bring back a frame, with the wrench of a free body on it, whose acceleration is now known."""
     if step.body is None:
         back.s[step.frame] = np.zeros(len(own))
         return
     back.s[step.frame] = back.rhs.bodies[step.body].wrench
-    s, acceleration = back.stacked(of.frames), own + of.X @ back.beta_root
-    for D, column in zip(of.P.D, of.P.w, strict=True):
-        acceleration = acceleration + (D * (column @ s)) * column[of.at]
-    back.beta[step.body] = acceleration
+    acceleration = own + of.X @ back.columns + of.P.apply(back.stacked(of.frames), to=of.at)
+    back.moves(step.body, acceleration, acceleration)
 
 
 class StepKind(NamedTuple):
-    """What a kind of step does: to the state, to a right-hand side, and on the way back."""
+    """What a kind of step does.
 
-    factor: Callable[..., tuple[Belief, Any]]
+    Attributes:
+        include: to the state and to right-hand sides, together; it returns the state, the step's factors, and per side
+            what its way back needs.
+        forward: to another right-hand side, given the factors; it returns what its way back needs.
+        back: on the way back, to all right-hand sides together.
+    """
+
+    include: Callable[..., tuple[Belief, Any, list[Any]]]
     forward: Callable[..., Any]
     back: Callable[..., None]
 
 
-STEPS: dict[type, StepKind] = {
-    AddFree: StepKind(add_free, forward_add_free, back_add_free),
-    OpenFrame: StepKind(open_frame, forward_open_frame, back_open_frame),
-    MoveFrame: StepKind(move_frame, forward_move_frame, back_move_frame),
-    Measure: StepKind(measure, forward_measure, back_measure),
-    Couple: StepKind(couple, forward_couple, back_couple),
-    CloseFrame: StepKind(close_frame, forward_close_frame, back_close_frame),
+def one_by_one(
+    factor: Callable[..., tuple[Belief, Any]], forward: Callable[..., Any], back: Callable[..., None]
+) -> StepKind:
+    """Return a kind of step whose right-hand sides do not matter to the state, nor to each other."""
+
+    def include(now: Belief, sides: Sequence[Inward], step: Any, of: PartMotion) -> tuple[Belief, Any, list[Any]]:
+        then, factors = factor(now, step, of)
+        return then, factors, [forward(side, step, factors) for side in sides]
+
+    def back_all(backs: Sequence[Outward], step: Any, factors: Any, kept: Sequence[Any]) -> None:
+        for one, of_side in zip(backs, kept, strict=True):
+            back(one, step, factors, of_side)
+
+    return StepKind(include, forward, back_all)
+
+
+FRAME_STEPS: dict[type, StepKind] = {
+    AddFree: one_by_one(add_free, forward_add_free, back_add_free),
+    OpenFrame: one_by_one(open_frame, forward_open_frame, back_open_frame),
+    MoveFrame: one_by_one(move_frame, forward_move_frame, back_move_frame),
+    Measure: one_by_one(measure, forward_measure, back_measure),
+    Couple: one_by_one(couple, forward_couple, back_couple),
+    CloseFrame: one_by_one(close_frame, forward_close_frame, back_close_frame),
 }
 
 
@@ -372,6 +296,13 @@ def size_of(mobility: Array) -> Array:
     """Return the sizes of a mobility (6, 6), (3,): angular, and twice linear; see `size_at_centre`."""
     turning, moving = np.trace(mobility[:3, :3]), np.trace(mobility[3:, 3:])
     return array([turning, moving, moving])
+
+
+def _imposed(side: Inward, of: Imposed, r: Array) -> list[Scalar]:
+    """Impose right-hand sides r (rows,) of rows; return what the way back needs."""
+    side.x, more, nus = of.rows.sums.forward(side.x, r)
+    side.on_root = side.on_root + more
+    return nus
 
 
 def _of_joint(body: SettledBody, x: Array) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.bias import bias_accelerations
 from holdfast.dynamics.arm.forward_kinematics import expand, forward_kinematics, link_twists
+from holdfast.dynamics.tree.crossing import columns_of
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
@@ -102,11 +103,6 @@ class TrunkMotion(NamedTuple):
     def floats(self) -> bool:
         """Whether the trunk begins with a floating base."""
         return self.bodies[0].joint is None
-
-    @property
-    def column_count(self) -> int:
-        """Number of columns."""
-        return len(self.bodies) if self.by_joints else 6
 
     def at_rest(self) -> TrunkMotion:
         """Return the trunk at the same configuration without torques, velocities, gravity or external wrenches."""
@@ -260,7 +256,9 @@ def _outward(
     if wrenches is not None:
         bodies = [b._replace(wrench=b.wrench - f) for b, f in zip(bodies, wrenches, strict=True)]
     on, by_joints = chain.mounted_on, _answers_by_joints(chain)
-    columns = _columns(bodies) if by_joints else np.eye(6)
+    columns = np.eye(6)
+    if by_joints:
+        columns = columns_of([body.H for body in bodies], [body.reach for body in bodies])
     stand = each(
         lambda place, body: _mounted_base(place, body, columns),
         [chain.arms[name].base for name in on],
@@ -274,16 +272,6 @@ def _answers_by_joints(chain: ClosedChain) -> bool:
     """Return whether the columns are the joints' accelerations; see the module's docstring and docs/theory/trunk.md."""
     last = len(chain.trunk.bodies) - 1 if chain.trunk is not None else 0
     return not chain.floats and last < FEWER_THAN_SIX and all(k == last for k in chain.mounted_on.values())
-
-
-def _columns(bodies: list[TrunkBody]) -> Array:
-    """Return the acceleration of the last body per acceleration of the joints, (6, n_t)."""
-    reach, columns = np.zeros(3), []
-    for body in reversed(bodies):
-        assert body.H is not None
-        columns.insert(0, shift_twist(reach, body.H))
-        reach = body.reach + reach
-    return array(columns).T
 
 
 def _joints(serial: Arm, q: Array, qd: Array, torque: Array, base_twist: Array, base_zeta: Array) -> list[TrunkBody]:
