@@ -93,7 +93,7 @@ def _body(data: layout.ForestBodyData, at: Location) -> ForestBody:
     with (at / "joint").refusals():
         placement = Pose(checks.rotation_matrix(joint.R0, "joint: R0"), np.array(joint.p0))
         kind: Any = joint.type
-        axis = {} if joint.axis is None else {"axis": joint.axis}
+        axis: dict[str, Any] = {} if joint.axis is None else {"axis": joint.axis}
         found = BodyJoint(
             kind,
             placement,
