@@ -12,13 +12,15 @@ import holdfast as hf
 from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
-ANSWERED = {"ClosedChain", "close", "forward_dynamics", "dynamics.link_poses"}
+ANSWERED = {"ClosedChain", "close", "dynamics.link_poses", "forward_dynamics", "inverse_dynamics"}
 # results, which functions of this register make
 RESULTS = {
     "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
-    "identification.Identification",
+    "dynamics.MechanismTorques",    "identification.Identification",
     "planning.JointPath", "simulation.Rollout", "simulation.RolloutSystems",
 }  # fmt: skip
+# of arguments with defaults, those that only chains with branches need
+BESIDE = {"inverse_dynamics": {"qdd": np.zeros(16), "object_acceleration": np.zeros(6)}}
 EXPECTED = "expected (serial arms that hold one object|a serial arm), got"
 
 
@@ -42,7 +44,7 @@ def calls() -> dict[str, dict[str, Any]]:
         given = dict.fromkeys(taken(of, "ClosedChain"), p.chain) | dict.fromkeys(taken(of, "Arm"), arm)
         given |= dict.fromkeys(taken(of, "Mapping[str, Arm]"), arms)
         if given:
-            found[path] = given | arguments(of, given, p)
+            found[path] = given | arguments(of, given, p) | BESIDE.get(path, {})
     return found
 
 

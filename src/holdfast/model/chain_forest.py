@@ -160,7 +160,7 @@ def _on_joints(
     bodies = []
     for joint, link, on in zip(joints, links, parents, strict=True):
         placement = joint.placement if on is not None else base @ joint.placement
-        given = {"pitch": joint.pitch, "armature": joint.armature, "damping": joint.damping}
+        given = {name: getattr(joint, name) for name in ("pitch", "armature", "damping", "stiffness", "rest")}
         own = BodyJoint(joint.kind, placement, joint.axis, **given, actuated=joint.actuated)
         bodies.append(ForestBody(link, own, parent if on is None else first + on))
     return bodies

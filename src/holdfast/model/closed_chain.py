@@ -281,12 +281,12 @@ class ClosedChain(Frozen):
         """The chain as a forest: the bodies of the trunk, those of the arms in order, and the objects last.
 
         Raises:
-            ModelError: springs or bushings act, which are no part of a forest yet.
+            ModelError: springs between bodies or bushings act, which are no part of a forest yet.
         """
-        if self.springs or self.bushings or any(joint.stiffness for joint in self.all_joints):
+        if self.springs or self.bushings:
             raise ModelError(
-                "forest: expected a chain without springs and bushings, which are no part of a forest; try the chain"
-                " itself, for example forward_dynamics(chain, state, tau)"
+                "forest: expected a chain without springs between bodies and bushings, which are no part of a forest;"
+                " try the chain itself, for example forward_dynamics(chain, state, tau)"
             )
         return self.as_forest.forest
 

@@ -27,7 +27,7 @@ class ForestBalance(Frozen):
 
     Attributes:
         kinetic_energy: of all bodies, plus 1/2 armature qd^2 of the drives [J].
-        potential_energy: -sum m g . r, zero at the world's origin [J].
+        potential_energy: -sum m g . r, zero at the world's origin, plus 1/2 stiffness (q - rest)^2 of the joints [J].
         momentum: (6,) [angular; linear] of all bodies about a point; that of rotors (armature) is not included [N m s,
             N s].
         mass: of all bodies [kg].
@@ -72,7 +72,8 @@ def forest_balance(
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
     motion = given.motion({})
     mass, moment = mass_moment(motion)
-    numbers = [kinetic_energy(motion, given.qd), -(forest.gravity @ moment), *power_into(given, motion)]
+    potential = elastic_energy(forest, given.q) - forest.gravity @ moment
+    numbers = [kinetic_energy(motion, given.qd), potential, *power_into(given, motion)]
     checks.finite(np.array(numbers), "the balance of the forest")
     return ForestBalance(
         float(numbers[0]),
@@ -91,6 +92,12 @@ def kinetic_energy(motion: ForestMotion, qd: Array) -> Scalar:
         V, rates = body.at.twist, qd[part]
         total = total + 0.5 * (V @ body.inertia.apply(V) + body.armature @ (rates * rates))
     return total
+
+
+def elastic_energy(forest: Forest, q: Array) -> Scalar:
+    """Return the energy of the springs in the joints [J]."""
+    joints = [(body.joint, at.start) for body, at in zip(forest.bodies, forest.positions, strict=True)]
+    return sum(0.5 * joint.stiffness * (q[at] - joint.rest) ** 2 for joint, at in joints if joint.stiffness)
 
 
 def momentum(motion: ForestMotion, about: Array) -> Array:
