@@ -12,7 +12,10 @@ import holdfast as hf
 from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
-ANSWERED = {"ClosedChain", "close", "dynamics.link_poses", "forward_dynamics", "inverse_dynamics"}
+ANSWERED = {
+    "ClosedChain", "close", "dynamics.link_poses", "forward_dynamics", "forward_dynamics_jacobian",
+    "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics",
+}  # fmt: skip
 # results, which functions of this register make
 RESULTS = {
     "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
@@ -20,7 +23,11 @@ RESULTS = {
     "planning.JointPath", "simulation.Rollout", "simulation.RolloutSystems",
 }  # fmt: skip
 # of arguments with defaults, those that only chains with branches need
-BESIDE = {"inverse_dynamics": {"qdd": np.zeros(16), "object_acceleration": np.zeros(6)}}
+BESIDE = {
+    "forward_dynamics_jvp": {"along": {"tau": np.ones(16)}},
+    "forward_dynamics_vjp": {"qdd": np.ones(16)},
+    "inverse_dynamics": {"qdd": np.zeros(16), "object_acceleration": np.zeros(6)},
+}
 EXPECTED = "expected (serial arms that hold one object|a serial arm), got"
 
 

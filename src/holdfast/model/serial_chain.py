@@ -8,7 +8,7 @@ from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 
-ANSWERED = "close, forward_dynamics and inverse_dynamics"  # what such chains can be asked
+ANSWERED = "close, forward_dynamics with its derivatives and inverse_dynamics"  # what such chains can be asked
 
 
 def serial_chain(value: Any, what: str) -> None:

@@ -32,7 +32,7 @@ class ForestPlace(NamedTuple):
 
     def of(self, arrays: Mapping[str, Array], *more: int) -> Array:
         """Return it from arrays of the forest, (*shape, *more), which may have more axes behind their own."""
-        return arrays[self.name][self.rows].reshape(*self.shape, *more)
+        return arrays[self.name][self.rows].reshape((*self.shape, *more))
 
     def add(self, x: Array, arrays: Mapping[str, Array], *more: int) -> None:
         """Add an array of the chain, (*shape, *more), to that of the forest."""
