@@ -13,17 +13,23 @@ from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
-    "ClosedChain", "close", "dynamics.link_poses", "forward_dynamics", "forward_dynamics_jacobian",
+    "ClosedChain", "close", "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
+    "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
+    "dynamics.power", "dynamics.release", "forward_dynamics", "forward_dynamics_jacobian",
     "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics",
 }  # fmt: skip
 # results, which functions of this register make
 RESULTS = {
     "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
-    "dynamics.MechanismTorques",    "identification.Identification",
+    "dynamics.MechanismAttachment", "dynamics.MechanismTorques",    "identification.Identification",
     "planning.JointPath", "simulation.Rollout", "simulation.RolloutSystems",
 }  # fmt: skip
 # of arguments with defaults, those that only chains with branches need
 BESIDE = {
+    "dynamics.attach": {"name": ("arm2", "pad1"), "grasp": hf.Grasp("ball"), "here": True},
+    "dynamics.momentum_rate": {"result": hf.forward_dynamics(*two_arms_with_grippers())},
+    "dynamics.power": {"result": hf.forward_dynamics(*two_arms_with_grippers())},
+    "dynamics.release": {"name": ("arm1", "pad1")},
     "forward_dynamics_jvp": {"along": {"tau": np.ones(16)}},
     "forward_dynamics_vjp": {"qdd": np.ones(16)},
     "inverse_dynamics": {"qdd": np.zeros(16), "object_acceleration": np.zeros(6)},

@@ -26,7 +26,7 @@ from holdfast.dynamics.tree.mechanism_derivatives import mechanism_jacobian, mec
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import require_unused, serial_chain
+from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain
 from holdfast.questions.arrays import STATE_AND_TORQUES, arguments_of, gradient_shapes, results_of
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import (
@@ -91,7 +91,7 @@ def forward_dynamics_vjp(
         StateError: a name, shape or number is wrong, or the state violates a grasp.
         SingularChainError: the constraint loses rank at this state.
     """
-    if isinstance(chain, ClosedChain) and chain.beyond_serial:
+    if answered_as_forest(chain):
         require_unused(generic_rank=generic_rank is not None)
         return mechanism_vjp(chain, state, tau, inputs, by, check, cotangents)
     what = "forward_dynamics_vjp"
@@ -144,7 +144,7 @@ def forward_dynamics_jvp(
     """
     what = "forward_dynamics_jvp"
     checks.instance(along, Mapping, f"{what}: along", StateError)
-    if isinstance(chain, ClosedChain) and chain.beyond_serial:
+    if answered_as_forest(chain):
         require_unused(generic_rank=generic_rank is not None)
         return mechanism_jvp(chain, state, tau, along, inputs, check)
     serial_chain(chain, "chain")
@@ -188,7 +188,7 @@ def forward_dynamics_jacobian(
         StateError: a name, shape or number is wrong, or the state violates a grasp.
         SingularChainError: the constraint loses rank at this state.
     """
-    if isinstance(chain, ClosedChain) and chain.beyond_serial:
+    if answered_as_forest(chain):
         require_unused(generic_rank=generic_rank is not None)
         return mechanism_jacobian(chain, state, tau, of, by, inputs, check)
     what = "forward_dynamics_jacobian"

@@ -14,6 +14,7 @@ from holdfast.dynamics.trunk.trunk_inverse import needs_drive, require_no_base_w
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.questions.arrays import ARGUMENTS, FLOATING_RESULT, TRUNK_BASE_MOTION, TRUNK_LINKS
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
@@ -63,7 +64,7 @@ def inverse_dynamics(
         StateError: a shape is wrong, a wrench is given for an arm without a grasp, a wrench differs from that of a
             bushing, a floating base would need a drive, or nothing can carry an object or a passive joint.
     """
-    if isinstance(chain, ClosedChain) and chain.beyond_serial:
+    if answered_as_forest(chain):
         of_base = acceleration_of_base(chain, base_acceleration)
         found = mechanism_torques(chain, state, qdd, grasp_wrench, inputs, of_base, object_acceleration)
         return found  # pyright: ignore[reportReturnType]

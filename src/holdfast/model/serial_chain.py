@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeGuard
 
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 
-ANSWERED = "close, forward_dynamics with its derivatives and inverse_dynamics"  # what such chains can be asked
+# what such chains can be asked
+ANSWERED = "close, forward_dynamics and its derivatives, inverse_dynamics, diagnose, energies and momentum, attach"
+
+
+def answered_as_forest(value: Any) -> TypeGuard[ClosedChain]:
+    """Return whether a value is a chain with more than serial arms that hold one object."""
+    return isinstance(value, ClosedChain) and bool(value.beyond_serial)
 
 
 def serial_chain(value: Any, what: str) -> None:

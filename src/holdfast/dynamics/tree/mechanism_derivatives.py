@@ -30,8 +30,8 @@ def mechanism_vjp(
 ) -> Derivatives:
     """Return gradients by a chain's forest; see `forward_dynamics_vjp` for arguments and errors."""
     what, places, results = "forward_dynamics_vjp", chain_arguments(chain), chain_results(chain)
-    require_names(what, by, places)
-    require_names(what, cotangents, results)
+    require_names(what, by, [*places])
+    require_names(what, cotangents, [*results])
     at, result = _point(chain, state, tau, inputs, check)
     z_bar = {place.name: np.zeros_like(vars(result.bodies)[place.name]) for place in _of(results, cotangents)}
     for name, x in cotangents.items():
@@ -50,7 +50,7 @@ def mechanism_jvp(
 ) -> Derivatives:
     """Return rates by a chain's forest; see `forward_dynamics_jvp` for arguments and errors."""
     places, results = chain_arguments(chain), chain_results(chain)
-    require_names("forward_dynamics_jvp", along, places)
+    require_names("forward_dynamics_jvp", along, [*places])
     given = directions("forward_dynamics_jvp", along, {name: place.shape for name, place in places.items()})
     at, result = _point(chain, state, tau, inputs, check)
     every = [given] if isinstance(given, dict) else given
@@ -71,8 +71,8 @@ def mechanism_jacobian(
 ) -> Derivatives:
     """Return the Jacobian by a chain's forest; see `forward_dynamics_jacobian` for arguments and errors."""
     what, places, results = "forward_dynamics_jacobian", chain_arguments(chain), chain_results(chain)
-    require_names(what, of, results)
-    require_names(what, by, places)
+    require_names(what, of, [*results])
+    require_names(what, by, [*places])
     at, result = _point(chain, state, tau, inputs, check)
     ends = np.cumsum([0, *(math.prod(place.shape) for place in _of(places, by))]).tolist()
     units = np.split(np.eye(ends[-1]), ends[1:-1])
