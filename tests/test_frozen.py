@@ -50,6 +50,7 @@ def branched() -> list[Any]:
     return [
         hf.forward_dynamics(*p),
         hf.inverse_dynamics(p.chain, p.state, 0.0 * p.tau, object_acceleration=np.zeros(6)),
+        hf.linearise(*p),
         hf.dynamics.attach(p.chain, p.state, ("arm2", "pad1"), hf.Grasp("ball"), here=True),
     ]
 

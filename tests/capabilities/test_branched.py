@@ -16,12 +16,13 @@ ANSWERED = {
     "ClosedChain", "close", "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
     "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
     "dynamics.power", "dynamics.release", "forward_dynamics", "forward_dynamics_jacobian",
-    "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics",
+    "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics", "linearise",
 }  # fmt: skip
 # results, which functions of this register make
 RESULTS = {
     "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
-    "dynamics.MechanismAttachment", "dynamics.MechanismTorques",    "identification.Identification",
+    "dynamics.MechanismAttachment", "dynamics.MechanismLinearisation", "dynamics.MechanismTorques",
+       "identification.Identification",
     "planning.JointPath", "simulation.Rollout", "simulation.RolloutSystems",
 }  # fmt: skip
 # of arguments with defaults, those that only chains with branches need

@@ -38,3 +38,4 @@ from .tree.forest_simulate import forest_simulate as forest_simulate
 from .tree.mechanism import MechanismResult as MechanismResult
 from .tree.mechanism_impulse import MechanismAttachment as MechanismAttachment
 from .tree.mechanism_inverse import MechanismTorques as MechanismTorques
+from .tree.mechanism_linearise import MechanismLinearisation as MechanismLinearisation

@@ -72,6 +72,11 @@ def joint_rows(chain: ClosedChain) -> slice:
     return slice(first, first + chain.joint_count)
 
 
+def driven_joints(chain: ClosedChain) -> Array:
+    """Return for every component of the joints' qd whether it has a drive, (n,)."""
+    return np.array([joint.actuated for joint in chain.all_joints for _ in range(joint.type.freedoms)], dtype=bool)
+
+
 def chain_arguments(chain: ClosedChain) -> dict[str, ForestPlace]:
     """Return by what forward dynamics of a chain can be differentiated, as parts of `FOREST_ARGUMENTS`.
 
