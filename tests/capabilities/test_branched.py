@@ -16,14 +16,14 @@ ANSWERED = {
     "ClosedChain", "close", "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
     "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
     "dynamics.power", "dynamics.release", "forward_dynamics", "forward_dynamics_jacobian",
-    "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics", "linearise",
+    "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics", "linearise", "simulate",
 }  # fmt: skip
 # results, which functions of this register make
 RESULTS = {
     "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
     "dynamics.MechanismAttachment", "dynamics.MechanismLinearisation", "dynamics.MechanismTorques",
        "identification.Identification",
-    "planning.JointPath", "simulation.Rollout", "simulation.RolloutSystems",
+    "planning.JointPath", "simulation.MechanismRun", "simulation.Rollout", "simulation.RolloutSystems",
 }  # fmt: skip
 # of arguments with defaults, those that only chains with branches need
 BESIDE = {
@@ -33,6 +33,7 @@ BESIDE = {
     "dynamics.release": {"name": ("arm1", "pad1")},
     "forward_dynamics_jvp": {"along": {"tau": np.ones(16)}},
     "forward_dynamics_vjp": {"qdd": np.ones(16)},
+    "simulate": {"duration": 2e-3, "step": 1e-3, "controller": lambda t, state, memory: (np.zeros(16), memory)},
     "inverse_dynamics": {"qdd": np.zeros(16), "object_acceleration": np.zeros(6)},
 }
 EXPECTED = "expected (serial arms that hold one object|a serial arm), got"
