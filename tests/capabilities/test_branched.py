@@ -13,10 +13,11 @@ from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
-    "ClosedChain", "close", "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
+    "ClosedChain", "close", "control.GravityCompensation",
+    "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
     "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
     "dynamics.power", "dynamics.release", "forward_dynamics", "forward_dynamics_jacobian",
-    "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics", "linearise", "simulate",
+    "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise", "simulate",
 }  # fmt: skip
 # results, which functions of this register make
 RESULTS = {

@@ -9,7 +9,10 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 
 # what such chains can be asked
-ANSWERED = "close, forward_dynamics with derivatives, inverse_dynamics, diagnose, energies, attach, linearise, simulate"
+ANSWERED = (
+    "close, forward_dynamics, its derivatives, inverse_dynamics, holding_torques, diagnose, energies, attach,"
+    " linearise, simulate"
+)
 
 
 def answered_as_forest(value: Any) -> TypeGuard[ClosedChain]:

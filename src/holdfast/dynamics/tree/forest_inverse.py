@@ -101,8 +101,7 @@ def torques_for(given: ForestArguments, qdd: ArrayLike, near: Array, check: bool
     forest = given.forest
     wanted = checks.numbers(qdd, (forest.velocity_count,), "qdd", StateError)
     motion = given._replace(tau=0.0 * given.tau).motion({})
-    rates = [wanted[part] for part in forest.velocities]
-    rates = [b.point_acceleration(x) if b.floats else x for b, x in zip(motion.bodies, rates, strict=True)]
+    rates = _at_points(motion, wanted)
     if check:
         require_closed(motion, given.q, given.qd)
         _require_possible(motion, rates)
@@ -123,6 +122,29 @@ def torques_for(given: ForestArguments, qdd: ArrayLike, near: Array, check: bool
     return ForestTorques(
         np.where(passive, 0.0, left), outputs(motion, z, carried(motion, z.rates)).closure_wrench, coupled
     )
+
+
+def smallest_accelerations(motion: ForestMotion, given: Array, free: Array) -> Array:
+    """Return the smallest accelerations of some joints that agree with those of all else, (free,).
+
+    If none do, those that come closest are returned.
+
+    Args:
+        motion: the forest's motion.
+        given: (n_v,) accelerations, zero for these joints.
+        free: (n_v,) mask of these joints.
+    """
+    rates = _at_points(motion, given)
+    closed, coupled = along_rows(motion, rates, carried(motion, rates))
+    left = [c.r - x for c, x in zip(motion.closures, closed, strict=True)]
+    missing = np.concatenate([*left, [r - x for r, x in zip(motion.coupled, coupled, strict=True)]])
+    return np.linalg.pinv(forest_rows(motion).on_qd(motion)[:, free], rcond=NULL_SINGULAR_VALUE) @ missing
+
+
+def _at_points(motion: ForestMotion, qdd: Array) -> list[Array]:
+    """Return accelerations per body, of free bodies those of their mass centres."""
+    rates = [qdd[part] for part in motion.forest.velocities]
+    return [b.point_acceleration(x) if b.floats else x for b, x in zip(motion.bodies, rates, strict=True)]
 
 
 def _along(motion: ForestMotion, near: Array) -> Array:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.tree.forest_inverse import torques_for
+from holdfast.dynamics.tree.forest_inverse import smallest_accelerations, torques_for
 from holdfast.dynamics.tree.mechanism_terms import chain_results, flat_rates, joint_rows, mechanism_arguments
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -17,6 +17,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import Inputs, State
 
 
@@ -81,3 +82,34 @@ def mechanism_torques(
     near = numbers("grasp_wrench", grasp_wrench, False)
     found = torques_for(given, flat_rates(of_joints, of_objects, of_base), near, check=True)
     return MechanismTorques(chain, found.tau[joint_rows(chain)], found.closure_wrench, found.coupling_force)
+
+
+@np.errstate(all="ignore")  # what overflows is refused
+def mechanism_holding(chain: ClosedChain, state: State, acceleration: Any, internal_force: Any) -> Array:
+    """Return torques for an acceleration of the objects, (n,); see `holding_torques` for errors. O(n^3).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        acceleration: (6,), or (k, 6) of several objects; None for zero.
+        internal_force: a push of every grasp along its contact normal into its object [N], or (grasps and loops, 6)
+            wished wrenches.
+    """
+    given, parts = mechanism_arguments(chain, state), chain_results(chain)
+    motion, (n, closures) = given.motion({}), (chain.joint_count, parts["grasp_wrench"].shape)
+    shape = parts["object_acceleration"].shape
+    alpha = np.zeros(shape) if acceleration is None else checks.numbers(acceleration, shape, "acceleration", StateError)
+    if np.ndim(internal_force):
+        near = checks.numbers(internal_force, closures, "internal_force", StateError)
+    else:
+        push, near = checks.numbers(internal_force, (), "internal_force", StateError), np.zeros(closures)
+        for i in range(len(chain.grasps)):
+            c = motion.closures[i]
+            near[i] = (c.K @ rotate(c.contact.R, np.array([0.0, 0.0, 0.0, 0.0, 0.0, push]))) @ c.K
+    of_arms = np.zeros(n, dtype=bool)
+    of_arms[[k for part in chain.arm_joints for k in range(part.start, part.stop)]] = True
+    of_base = np.zeros(6) if chain.floats else None
+    wanted = flat_rates(np.zeros(n), alpha, of_base)
+    moves = flat_rates(of_arms, np.zeros(alpha.shape, dtype=bool), of_base).astype(bool)
+    wanted[moves] = smallest_accelerations(motion, wanted, moves)
+    return torques_for(given, wanted, near, check=True).tau[joint_rows(chain)]
