@@ -20,7 +20,7 @@ from holdfast.model.serial_chain import answered_as_forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State, require_fit
+from holdfast.state import Inputs, State, require_fit, require_state
 
 
 @called
@@ -64,6 +64,7 @@ class GravityCompensation(Frozen):
             StateError: they overflow, or the state is none of the chain.
         """
         if answered_as_forest(self.chain):
+            require_state(self.chain, state)
             held = mechanism_holding(self.chain, state.at_rest(), None, self.internal_force)
             return held - self.joint_damping * driven_joints(self.chain) * state.qd, memory
         require_fit(self.chain, state)

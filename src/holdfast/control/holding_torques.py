@@ -133,7 +133,7 @@ def holding_torques(
             hold the load, or a joint is unknown.
     """
     if answered_as_forest(chain):
-        require_unused(passive=bool(tuple(passive)))
+        require_unused(passive=not checks.is_listed(passive) or any(True for _ in passive))
         return mechanism_holding(chain, state, acceleration, internal_force)
     require_fit(chain, state)
     alpha = np.zeros(6) if acceleration is None else checks.numbers(acceleration, (6,), "acceleration", StateError)

@@ -112,7 +112,8 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
         `docs/theory/singular.md`; the rank is the number of pivots that the object filter keeps.
     """
     if answered_as_forest(chain):
-        return diagnosed(mechanism_arguments(chain, state.at_rest()))  # pyright: ignore[reportReturnType]
+        given = mechanism_arguments(chain, state)
+        return diagnosed(given._replace(qd=0.0 * given.qd))  # pyright: ignore[reportReturnType]
     require_fit(chain, state)
     still = state.at_rest()
     motion = chain_at_rest(chain, still)

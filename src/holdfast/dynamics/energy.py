@@ -146,7 +146,7 @@ def potential_energy(chain: ClosedChain, state: State) -> float:
         StateError: a state of the wrong shape for the chain.
     """
     if answered_as_forest(chain):
-        return mechanism_balance(chain, state.at_rest()).potential_energy
+        return mechanism_balance(chain, state).potential_energy
     require_fit(chain, state)
     return float(checks.finite(total_potential_energy(chain, state), "potential energy"))
 
@@ -186,7 +186,7 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
         StateError: a state of the wrong shape for the chain.
     """
     if answered_as_forest(chain):
-        return mechanism_balance(chain, state.at_rest()).centre_of_mass
+        return mechanism_balance(chain, state).centre_of_mass
     require_fit(chain, state)
     sums = total_mass_moment(chain, state)
     return checks.finite(sums[1:] / sums[0], "centre of mass")

@@ -21,6 +21,7 @@ from holdfast.names import called
 from holdfast.simulation.balance import imbalance
 from holdfast.simulation.environment import Environment, require_wrenches
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
+from holdfast.simulation.margins import Policy
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_state
@@ -164,7 +165,7 @@ def _row(chain: ClosedChain, sample: ForestSample, tau: Array) -> tuple[Any, ...
     )
 
 
-def require_simulated(chain: ClosedChain, on_slip: str) -> None:
+def require_simulated(chain: ClosedChain, policy: Policy) -> None:
     """Refuse grasps whose limits would have to be verified.
 
     Raises:
@@ -173,7 +174,7 @@ def require_simulated(chain: ClosedChain, on_slip: str) -> None:
     limited = [
         key for key, grasp in chain.grasps.items() if grasp.contact is not None or grasp.wrench_limits is not None
     ]
-    if limited and on_slip != "record":
+    if limited and policy.on_slip != "record":
         raise MethodNotApplicable(
             f"on_slip: expected 'record' for grasp {limited[0]!r}, whose friction or limits are not verified in a chain"
             " that is answered as a forest; the run goes on as if it held, and has its wrenches"

@@ -169,10 +169,11 @@ def simulate(
         given |= {"on_samples": on_samples, "make_stepper": make_stepper}
         given |= {"sample_time": at_samples(controller, sample_time, delay)[1]}
         require_unused(**{argument: x is not None for argument, x in given.items()})
-        require_unused(events=bool(events), breakpoints=bool([*breakpoints]), delay=delay != 0.0, name=name != "run")
+        jumps = not checks.is_listed(breakpoints) or any(True for _ in breakpoints)
+        require_unused(events=bool(events), breakpoints=jumps, delay=delay != 0.0, name=name != "run")
         require_unused(on_limit=on_limit != "record", on_singular=on_singular != "stop", scheme=scheme != "rk4")
         require_unused(record=record != EVERYTHING, overwrite=overwrite)
-        require_simulated(chain, on_slip)
+        require_simulated(chain, Policy(on_slip, on_limit, on_singular))
         require_controller(controller)
         law, times = given_law(controller, parameters), step_times(duration, step)
         kept = record_settings(record, every, step, chain).every

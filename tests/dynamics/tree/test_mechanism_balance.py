@@ -122,3 +122,8 @@ def test_refusals():
         dynamics.momentum_rate(q.chain, q.state, p.solved())
     with pytest.raises(StateError, match="result: expected ForwardResult"):
         dynamics.momentum_rate(p.chain, p.state, hf.forward_dynamics(*q))
+    for ask in (dynamics.kinetic_energy, dynamics.potential_energy, dynamics.centre_of_mass, hf.diagnose):
+        with pytest.raises(StateError, match="state: expected State"):
+            ask(q.chain, q.state.q)
+    with pytest.raises(StateError, match="state: expected State"):
+        hf.control.GravityCompensation(q.chain)(0.0, q.state.q, None)

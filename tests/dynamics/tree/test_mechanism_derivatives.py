@@ -115,6 +115,17 @@ def test_as_serial_chains(name):
     assert gap(x, y) < 1e-8
 
 
+def test_what_is_asked_by_default():
+    """A chain without objects has no columns of them."""
+    chain, state, tau = branched_problems()["palletiser"]
+    J = hf.forward_dynamics.jacobian(chain, state, tau)
+    assert {key: x.shape for key, x in J.parts.items() if key[0] == "qdd"} == {
+        **{("qdd", name): (4, 4) for name in ("q", "qd", "tau")},
+        **{("qdd", name): (4, 0, 6) for name in ("object_pose", "object_twist")},
+    }
+    assert gap(J["grasp_wrench", "tau"].shape, (1, 6, 4)) == 0.0
+
+
 def test_refusals():
     """Unknown names are refused with the known ones, wrong shapes, and what forests do not take."""
     chain, state, tau = branched_problems()["pot and lid"]

@@ -84,7 +84,7 @@ def chain_arguments(chain: ClosedChain) -> dict[str, ForestPlace]:
     are those of each joint, and grasp_pose has a row for each grasp and then for each loop, along the axes of body b.
     """
     found = chain.as_forest
-    joints, count, start = joint_rows(chain), len(found.forest.bodies), len(found.trunk)
+    joints, start = joint_rows(chain), len(found.trunk)
     of_objects, several = _of_objects(chain)
     free = slice(joints.stop, joints.stop + 6 * len(found.objects))
     of_links, of_trunk = slice(start, of_objects.start), slice(0, start)
@@ -93,23 +93,14 @@ def chain_arguments(chain: ClosedChain) -> dict[str, ForestPlace]:
     parts |= {"grasp_pose": ForestPlace("grasp_pose", slice(None), (len(found.closures), 6))}
     drives = slice(int(chain.floats), of_objects.start)
     parts |= {name: ForestPlace(name, drives, (drives.stop - drives.start,)) for name in ("armature", "damping")}
-    owners = {"link": (of_links, (of_links.stop - start,))}
-    owners |= {"object": (of_objects, several)} if found.objects else {}
+    owners = {"link": (of_links, (of_links.stop - start,)), "object": (of_objects, several)}
     owners |= {"trunk_link": (of_trunk, (start,))} if start else {}
     for owner, (rows, lead) in owners.items():
         for what, axes in (("mass", ()), ("com", (3,)), ("inertia", (3, 3)), ("wrench", (6,))):
             parts[f"{owner}_{what}"] = ForestPlace(f"link_{what}", rows, (*lead, *axes))
-    if found.objects:
-        parts |= {
-            "object_pose": ForestPlace("q", free, (*several, 6)),
-            "object_twist": ForestPlace("qd", free, (*several, 6)),
-        }
-    if chain.floats:
-        parts |= {
-            "floating_pose": ForestPlace("q", slice(0, 6), (6,)),
-            "floating_twist": ForestPlace("qd", slice(0, 6), (6,)),
-        }
-    assert free.stop == found.forest.velocity_count and of_objects.stop == count
+    poses = {"object": (free, (*several, 6))} | ({"floating": (slice(0, 6), (6,))} if chain.floats else {})
+    for owner, (rows, shape) in poses.items():
+        parts |= {f"{owner}_pose": ForestPlace("q", rows, shape), f"{owner}_twist": ForestPlace("qd", rows, shape)}
     return parts
 
 
