@@ -16,7 +16,10 @@ from typing import Any
 from tests.capabilities.chains import CHAINS, FORESTS, chain_with
 from tests.capabilities.questions import TABLES, Answer, answer
 
-REFUSED = ("expected serial arms", "expected one object", "for a chain that is answered as a forest")
+REFUSED = (
+    *("expected serial arms", "expected one object", "for a chain that is answered as a forest"),
+    "no wrench can carry",  # an object that nothing holds
+)
 HEAD = """# Coverage
 
 A smoke test: which functions work with which kinds of chain? `make capabilities` (`tests/capabilities/`) generates this
