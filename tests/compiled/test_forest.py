@@ -1,6 +1,7 @@
 """Forward dynamics of forests as machine code: numbers of the reference, equal bits in batches, named refusals."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -101,6 +102,22 @@ def test_angles():
     with pytest.raises(StateError, match="q: expected angles of at most 100000 rad, got 1e"):
         pendulum.forward_dynamics([1e6], [0.0], [0.0])
     assert pendulum.forward_dynamics([1e4], [0.0], [0.0]).status is Status.OK
+
+
+def test_springs():
+    """Springs and dampers in joints act as in the reference, in limbs and outside."""
+    p = random_forest(9)
+    bodies = [
+        replace(b, joint=replace(b.joint, stiffness=3.0 + k, rest=0.2, damping=0.5))
+        if b.joint.of_kind.freedoms == 1
+        else b
+        for k, b in enumerate(p.forest.bodies)
+    ]
+    forest = replace(p.forest, bodies=bodies)
+    found = hf.compile(forest).forward_dynamics(p.q, p.qd, p.tau)
+    wanted = forest_dynamics(forest, p.q, p.qd, p.tau)
+    assert gap(found.qdd, wanted.qdd) <= 1e-11
+    assert gap(found.qdd, forest_dynamics(p.forest, p.q, p.qd, p.tau).qdd) > 1e-3
 
 
 def test_singular():

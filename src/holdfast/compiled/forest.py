@@ -22,7 +22,7 @@ from holdfast.dynamics.closed.tip_response import if_regular
 from holdfast.dynamics.tree.forest_dynamics import CONTRADICTION, ForestResult, forest_dynamics
 from holdfast.dynamics.tree.limbs import limb_arms, limbed_motion, solved_with_limbs
 from holdfast.dynamics.tree.plan import plan_of
-from holdfast.dynamics.tree.varied_forest import damping_torques
+from holdfast.dynamics.tree.varied_forest import damping_torques, spring_torques
 from holdfast.errors import StateError
 from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.fingerprint import exact_fingerprint
@@ -204,7 +204,7 @@ def _outputs(forest: Forest, given: Given) -> dict[str, Any]:
     """Return the outputs of forward dynamics by running the reference's functions on traced arrays."""
     made, qd, plan = _with_constants(forest), given["qd"], plan_of(forest.topology)
     arms = [one._replace(arm=constant_arm(one.arm), base=constant_pose(one.base)) for one in limb_arms(forest)]
-    torque = given["tau"] - damping_torques(made, qd)
+    torque = given["tau"] - damping_torques(made, qd) - spring_torques(made, given["q"])
     limbed = limbed_motion(made, arms, _unit_quaternions(forest, given["q"]), qd, torque, given.get("link_wrench"))
     found = solved_with_limbs(limbed, plan)
     low = where(reduce(maximum, found.left, 0.0) > CONTRADICTION, float(SINGULAR), float(INDETERMINATE))
@@ -232,7 +232,9 @@ def _with_constants(forest: Forest) -> Forest:
 def _constant_body(body: ForestBody) -> ForestBody:
     joint = body.joint
     across = None if joint.across is None else constants(joint.across)
-    numbers: dict[str, Any] = {name: Constant(getattr(joint, name)) for name in ("armature", "damping")}
+    numbers: dict[str, Any] = {
+        name: Constant(getattr(joint, name)) for name in ("armature", "damping", "stiffness", "rest")
+    }
     numbers |= {"axis": constants(joint.axis), "across": across, "rate_map": constants(joint.rate_map)}
     own = changed(joint, placement=constant_pose(joint.placement), **numbers)
     return changed(body, link=constant_link(body.link), joint=own)
