@@ -206,7 +206,7 @@ def test_a_tiny_inconsistency_is_rounding(solve):
         (["--case", "42"], f"{FILE}: no case '42'. Known: rigid_1arm_6R, "),
         (["--method", "rccfd4"], "no method 'rccfd4'. Did you mean 'rccfd"),
         (["--method", "al"], "no method 'al'. Did you mean 'all'?"),
-        (["--method", "magic"], "no method 'magic'. Known: all, sequential, kkt"),
+        (["--method", "magic"], "no method 'magic'. Known: all, compiled, sequential"),
         (["--format", "xml"], "invalid choice 'xml' for argument '--format'"),
         (["--metod", "kkt"], "Unrecognized options: --metod, kkt Perhaps you meant: --method"),
     ],

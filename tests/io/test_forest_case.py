@@ -48,6 +48,34 @@ def test_every_forest(capsys):
         }
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_every_forest_by_machine_code(capsys):
+    """All stored forests by `compiled`, to the same bars, with the smallest forces where they are not unique."""
+    code, answers = answered(capsys, FILE, "--method", "compiled")
+    assert code == 0 and len(answers) == len(CASES)
+    for answer, case in zip(answers, CASES, strict=True):
+        expected = case["tags"]
+        assert (answer["status"], answer["reason"]) == ("ok", None)
+        assert answer["error_vs_expected"] <= (1e-8 if expected["variant"] == "light" else 1e-9)
+        assert {key: answer[key] for key in ("rank", "mobility", "f_unique")} == {
+            key: expected[key] for key in ("rank", "mobility", "f_unique")
+        }
+
+
+def test_one_forest_by_machine_code(tmp_path, capsys):
+    """A forest in an open state is refused by `compiled`, too."""
+    case = copy.deepcopy(SMALL)
+    file = tmp_path / "one.json"
+    file.write_text(json.dumps(case), encoding="utf-8")
+    code, (answer,) = answered(capsys, file, "--method", "compiled")
+    assert code == 0 and answer["method"] == "compiled" and answer["error_vs_expected"] <= 1e-9
+    case["closures"][0]["frame_a"]["p"][0] += 0.01
+    file.write_text(json.dumps(case), encoding="utf-8")
+    code, (answer,) = answered(capsys, file, "--method", "compiled")
+    assert code == 3 and answer["reason"].startswith("inconsistent: ")
+
+
 def test_one_forest(tmp_path, capsys):
     """A file may contain one forest; by default the command names its joints, closures and couplings."""
     file = tmp_path / "one.json"

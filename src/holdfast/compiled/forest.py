@@ -246,7 +246,7 @@ def _unit_quaternions(forest: Forest, q: Array) -> Array:
     for body, at in zip(forest.bodies, forest.positions, strict=True):
         own = q[at]
         if body.joint.of_kind.pose:
-            length = sqrt(own[:4] @ own[:4])
+            length = sqrt(sum(x * x for x in own[:4]))
             length = where(abs(length - 1.0) <= ROTATION_TOLERANCE, length, float("nan"))
             own = concatenate([own[:4] / length, own[4:]])
         parts.append(own)
