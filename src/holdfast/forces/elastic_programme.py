@@ -64,7 +64,9 @@ LARGEST = 1e100  # step of v that is taken
 SHORT_PREDICTOR = 0.3  # a longest step below which the predictor's second order is trusted in this proportion only
 NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
 LOST_PIVOT = 1e-13  # of pivots of shared unknowns, relative to their own curvature
-UNFELT = 1e-6  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
+# Along some shared unknowns, neither costs nor limits feel a step, and coupling rows alone determine it. There a pivot
+# of rounding is taken as 1, the size of the others: a small one would spoil the digits of those rows.
+UNFELT = 1e-6
 
 
 class Iterate(NamedTuple):
@@ -97,6 +99,7 @@ class Distributed(NamedTuple):
             the coupling rows, and the gap of the objective relative to 1 + rho v.
         last: the point with its multipliers.
         used: (rows,) 1 for the coupling rows that are imposed, 0 for those that depend on others.
+        multipliers: of every block, those of its bounds and the first entries of those of its cones.
     """
 
     x: list[Array]
@@ -104,6 +107,7 @@ class Distributed(NamedTuple):
     residual: Scalar
     last: Iterate
     used: Array
+    multipliers: list[Array]
 
 
 class CoupledRows(NamedTuple):
@@ -192,7 +196,8 @@ def solve(
         last.points,
     )
     last = last._replace(points=points)
-    return Distributed([at.x for at in points], last.v, _residual(blocks, e, price, last), last, used)
+    x, multipliers = [at.x for at in points], [at.multipliers for at in points]
+    return Distributed(x, last.v, _residual(blocks, e, price, last), last, used, multipliers)
 
 
 def _start(blocks: Sequence[Block], rows: int, price: Scalar) -> Iterate:
@@ -237,11 +242,13 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
     centre, part = maximum(sigma * gap * (1.0 / degree), coupling.barrier), 1.0 - sigma
 
     # corrector: the predictor aims at mu = 0, and its second order goes with the square of the way to the barrier's mu.
-    # Where the predictor hardly moves, its second order says little: in full, two bounds take turns for ten iterations
+    # Where the predictor hardly moves, that of bounds says little: in full, two of them take turns for ten iterations.
+    # Cones need theirs all the same, or they do
     less = 1.0 - minimum(coupling.barrier * degree * reciprocal(gap), 1.0)
-    second = less * less * where(longest < SHORT_PREDICTOR, longest, 1.0)
-    factor = 1.0 - second * (ratio * (1.0 + ratio)) - centre * product
-    wanted = each(lambda *of_block: right_side(centre, second, *of_block), blocks, points, of, ahead)
+    second = less * less
+    of_bounds = second * where(longest < SHORT_PREDICTOR, longest, 1.0)
+    factor = 1.0 - of_bounds * (ratio * (1.0 + ratio)) - centre * product
+    wanted = each(lambda *of_block: right_side(centre, second, of_bounds, *of_block), blocks, points, of, ahead)
     right = [u.pull - part * (f.gradient + f.pull) for u, f in zip(wanted, of, strict=True)]
     own = v + price - z - total(f.price for f in of)
     of_v = -part * own - z * factor - total(u.price for u in wanted)
@@ -252,7 +259,13 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
 
     scaled = maximum(coupling.first * left * reciprocal(1.0 + price), gap * reciprocal(1.0 + price * v))
     solved = where(coupling.barrier > 0.0, 0.0, SOLVED)
-    still = where(maximum(scaled, greatest([abs(missing)])) < solved, 0.0, still)
+    before = greatest([abs(missing)])
+    rest = missing + length * total(block.E @ step.x for block, (step, _) in zip(blocks, found, strict=True))
+    still = where(maximum(scaled, before) < solved, 0.0, still)
+    # nor is a step taken that breaks the rows where the gap has the digits of the cost, whose size may be large
+    cost = total(own.x @ (f.gradient + block.c) for block, own, f in zip(blocks, points, of, strict=True))
+    digits = where(gap < SOLVED * (1.0 + price * v + abs(cost)), 1.0, 0.0)
+    still = where(digits * greatest([abs(rest)]) > maximum(before, SOLVED), 0.0, still)
     still = where(border.factors.kept < len(missing), 0.0, still)  # a pivot is lost in rounding: a step would be noise
     still = where(abs(dv) < LARGEST, still, 0.0)  # nor is a step that is not finite
     moves = still * length > 0.0

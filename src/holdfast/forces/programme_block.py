@@ -81,6 +81,11 @@ class BlockPoint(NamedTuple):
     z: Array
     of_cones: tuple[tuple[Array, Array], ...]
 
+    @property
+    def multipliers(self) -> Array:
+        """Those of bounds, and the first entries of those of cones, which are their products with [1, 0, ..]."""
+        return concatenate([self.z, [z[0] for _, z in self.of_cones]])
+
     def moved(self, length: Scalar, by: BlockPoint, moves: Scalar) -> BlockPoint:
         """Return the point moved by a multiple of a step, or itself."""
         go = lambda x, d: select(moves, x + length * d, x)  # noqa: E731
@@ -225,14 +230,14 @@ def _cone_rates(at: BlockPoint, f: BlockFactors, steps: Iterable[tuple[Array, Ar
 
 
 def right_side(
-    centre: Scalar, second: Scalar, block: Block, at: BlockPoint, f: BlockFactors, ahead: Predicted
+    centre: Scalar, second: Scalar, of_bounds: Scalar, block: Block, at: BlockPoint, f: BlockFactors, ahead: Predicted
 ) -> Wanted:
     """Return the corrector's right-hand side of a block.
 
-    u = z + W^-1 (second W^-1 ds o W dz - centre [1, 0, ..]) / (W z)
+    u = z + W^-1 (second W^-1 ds o W dz - centre [1, 0, ..]) / (W z), with `of_bounds` in place of `second` for bounds.
     """
     ratio, steps, _ = ahead
-    factor = 1.0 - second * (ratio * (1.0 + ratio)) - centre * f.product
+    factor = 1.0 - of_bounds * (ratio * (1.0 + ratio)) - centre * f.product
     pairs = zip(f.scalings, at.of_cones, steps, strict=True)
     of_cones = [z + w.corrected(second * ds, dz, centre) for w, (_, z), (ds, dz) in pairs]
     u = at.z * factor

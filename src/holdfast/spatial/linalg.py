@@ -161,17 +161,17 @@ def _unit(a: Array) -> Array:
     return a * where(size > 0.0, 1.0 / sqrt(where(size > 0.0, size, 1.0)), 0.0)
 
 
-def cholesky(S: Array, least: Array | None = None) -> Array:
+def cholesky(S: Array, lost: Array | None = None) -> Array:
     """Return the lower triangular C with C C^T = S.
 
     Args:
         S: (n, n) symmetric positive definite, which is not checked.
-        least: (n,) smallest pivots, which take the place of those that are lost in rounding; None for none.
+        lost: (n,) pivots up to which nothing but rounding is left, and 1 takes their place; None for none.
     """
     n = len(S)
     rest, columns = S, []
     for j in range(n):
-        diagonal = sqrt(rest[0, 0] if least is None else maximum(rest[0, 0], least[j]))
+        diagonal = sqrt(rest[0, 0] if lost is None else where(rest[0, 0] > lost[j], rest[0, 0], 1.0))
         below = rest[1:, 0] * reciprocal(diagonal)  # one division a column
         columns.append(concatenate([np.zeros(j), [diagonal], below]))
         rest = rest[1:, 1:] - outer(below, below)
