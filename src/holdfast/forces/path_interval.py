@@ -75,6 +75,12 @@ class Interval:
         """The largest F0 of these."""
         return max(point.found.force for point in self.imposed)
 
+    @property
+    def _linear_at(self) -> list[float]:
+        """`rates`, those above 0 raised to a share of the largest: c by b next to almost 0 would bind all others."""
+        least = max(self.rates) / FASTER
+        return [max(rate, least) if rate > 0.0 else 0.0 for rate in self.rates]
+
     def motion(self) -> Array:
         """Return the matrices from (m, d, b) to (a, b) at all places, (places, 2, 3)."""
         r, D = np.linspace(0.0, 1.0, len(self.points)), self.width
@@ -93,7 +99,7 @@ class Interval:
     def limits(self) -> list[Limit]:
         """Return the limits on forces at `IMPOSED`, and those on rates everywhere."""
         motion, found = self.motion(), []
-        for k, x, rate in zip(IMPOSED, self.parts, self.rates, strict=True):
+        for k, x, rate in zip(IMPOSED, self.parts, self._linear_at, strict=True):
             part = 0.5 if self.tangent else 1.0  # of c, by b; the rest is constant
             by_b = np.array([0.0, part / rate if rate > 0.0 else 0.0])
             for limit in self.points[k].forces:
@@ -173,7 +179,7 @@ class Interval:
             bounds.append((-end, 0.0, 2.0 * D * unit))
             if b is None:
                 others.append(m)
-        for at_end, rate in zip((at, 2.0 * D * m + at), (self.rates[0], self.rates[-1]), strict=True):
+        for at_end, rate in zip((at, 2.0 * D * m + at), (self._linear_at[0], self._linear_at[-1]), strict=True):
             if rate > 0.0:
                 bounds.append((at_end, FASTER**2 * rate**2, FASTER**2 * rate**2 / self.force))
         limits += [Limit("", "", "", weight, G[None], np.array([h])) for G, h, weight in bounds]
