@@ -215,7 +215,7 @@ def test_machine_code_refuses_without_a_barrier(name):
 def test_machine_code(name):
     """Its derivatives are those of the text on floats, single and in a batch."""
     case, code, random = force_cases()[name], fast(name).distribute, np.random.default_rng(4)
-    call: dict[str, Any] = case.call | {"barrier": BARRIER}
+    call: dict[str, Any] = case.call | {"barrier": BARRIER, "price": PRICE}
     of = case_of(case.chain, case.state, case.arguments[4], **call)
     by = ("q", "qd", "object_pose", "object_twist", "acceleration", "grasp_pose", "demanded_margin", "price", "barrier")
     shapes = {result: DISTRIBUTE.shape(case.chain, result) for result in ("tau", "grasp_wrench")}

@@ -194,7 +194,7 @@ def test_machine_code(name):
             continue
         text = asked(case.chain, replace(s, q=given[0]), given[4], **case.call)
         # where limits conflict, the price counts a thousand times as much as the torques, whose digits are fewer
-        close = 1e-5
+        close = 1e-5 if text.violation < 1e-6 else 1e-4
         np.testing.assert_allclose(single.tau / case.efforts, text.tau / case.efforts, atol=close)
         assert single.violation == pytest.approx(text.violation, abs=1e-5)
 

@@ -30,6 +30,7 @@ from holdfast.forces.programme_block import (
     BlockFactors,
     BlockPoint,
     Ends,
+    change,
     corrected,
     factorised,
     gradient,
@@ -56,6 +57,7 @@ from holdfast.spatial.scalar import (
     sqrt,
     where,
 )
+from holdfast.spatial.vector import outer
 
 ITERATIONS = 16
 SOLVED = 1e-9  # residual at which the iterate is kept
@@ -134,18 +136,17 @@ class Border(NamedTuple):
     Attributes:
         C: (shared, shared) Cholesky factor of what the blocks leave for the shared unknowns.
         V: (shared, rows + 1) its inverse times what they leave of the columns of multipliers and of v.
-        S: (rows + 1, rows + 1) sum of V' V, also over the blocks.
-        factors: those of its first rows.
-        column: (rows,) the multipliers that v brings with it.
-        pivot: the inverse of what is left for v.
+        by_v: (rows,) what v does to the coupling rows.
+        pivot: the inverse of what is left for v, which is eliminated before the multipliers: where limits leave a
+            direction to v alone, the multipliers by themselves have a pivot there that is lost in rounding.
+        factors: those of what is left for the multipliers.
     """
 
     C: Array
     V: Array
-    S: Array
-    factors: MaskedLDL
-    column: Array
+    by_v: Array
     pivot: Scalar
+    factors: MaskedLDL
 
     def solved(self, sums: Array, missing: Array, of_shared: Array, right: Scalar) -> tuple[Scalar, Array, Array]:
         """Return dv, the multipliers after the step, and the step of the shared unknowns.
@@ -161,9 +162,9 @@ class Border(NamedTuple):
         sums = concatenate([sums[:r], sums[r + k :]])
         if k:
             sums = sums + self.V.T @ half
-        through = ldl_solve(self.factors, sums[:r] + missing)
-        dv = self.pivot * (right - sums[r] + self.S[r, :r] @ through)
-        after = through - dv * self.column
+        own = self.pivot * (right - sums[r])
+        after = ldl_solve(self.factors, sums[:r] + missing - own * self.by_v)
+        dv = own + self.pivot * (self.by_v @ after)
         return dv, after, back_substitution(self.C, half - self.V @ concatenate([after, [dv]]))
 
 
@@ -287,6 +288,9 @@ def direction(
 
         H_i dx_i + E_i' nu + H_v dv = right_i,      sum E_i dx_i = -missing,      sum H_v' dx_i + H_vv dv = of_v
 
+    Large entries of H cost the coupling rows their digits, and slacks that are smaller than what is missing then. What
+    is missing is therefore solved for once more.
+
     Args:
         blocks: the blocks.
         of: their factors.
@@ -299,7 +303,12 @@ def direction(
     sums = total(f.V.T @ y for f, y in zip(of, halves, strict=True))
     of_shared = total(b[block.own :] for block, b in zip(blocks, right, strict=True))
     dv, after, shared = border.solved(sums, missing, of_shared, of_v)
-    return each(lambda block, f, y: step_ends(block, f, y, dv, after, shared), blocks, of, halves), dv, after
+    first = each(lambda f, y: change(f, y - f.V @ concatenate([after, shared, [dv]]), shared), of, halves)
+    left = missing + total(block.E @ dx for block, dx in zip(blocks, first, strict=True))
+    v, nu, other = border.solved(np.zeros(len(sums)), left, np.zeros(len(shared)), 0.0)
+    more = each(lambda f: change(f, -(f.V @ concatenate([nu, other, [v]])), other), of)
+    ends = each(lambda block, dx, further: step_ends(block, dx + further, dv + v), blocks, first, more)
+    return ends, dv + v, after + nu
 
 
 def border_of(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Border:
@@ -317,11 +326,10 @@ def border_of(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Bor
     C = cholesky(left[:, rows:-1], UNFELT + LOST_PIVOT * felt)
     V = forward_substitution(C, left[:, kept])
     S = S[np.ix_(kept, kept)] + V.T @ V if len(left) else S
-    own = S[:rows, :rows] + np.diag(1.0 - used)
-    factors = ldl(own, np.diag(own), NULL)
-    column = ldl_solve(factors, S[rows, :rows])
-    of_v = stiffness + total(f.stiffness for f in of) - S[rows, rows] + S[rows, :rows] @ column
-    return Border(C, V, S, factors, column, reciprocal(of_v))
+    by_v = S[rows, :rows]
+    pivot = reciprocal(maximum(stiffness + (total(f.stiffness for f in of) - S[rows, rows]), stiffness))
+    own = S[:rows, :rows] + np.diag(1.0 - used) + outer(pivot * by_v, by_v)
+    return Border(C, V, by_v, pivot, ldl(own, np.diag(own), NULL))
 
 
 def _residual(blocks: Sequence[Block], e: Array, price: Scalar, at: Iterate) -> Scalar:

@@ -12,6 +12,7 @@ from holdfast.forces.second_order_cone import ConeScaling, cone_scaling, step_ra
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, reciprocal, select
 
+LOST = 3e-16  # a pivot up to this part of its entry is rounding, which a large curvature of another direction leaves
 Predicted = tuple[Array, list[tuple[Array, Array]], Scalar]  # see `predicted`
 Ends = tuple[Array, Array, list[Array]]  # dx, and ds of bounds and of cones
 
@@ -179,7 +180,7 @@ def factorised(block: Block, at: BlockPoint) -> BlockFactors:
     H = block.P + (block.R.T * (up + down)) @ block.R + total(G.T @ (W @ G) for G, W in pairs)
     of_v = block.R.T @ (down - up) - total(G.T @ W[0] for G, W in pairs)
     own = block.own
-    C = cholesky(H[:own, :own])
+    C = cholesky(H[:own, :own], LOST * np.diag(H)[:own])
     columns = np.concatenate([block.E, H[own:], [of_v]]).T
     return BlockFactors(
         product,
@@ -197,18 +198,13 @@ def factorised(block: Block, at: BlockPoint) -> BlockFactors:
     )
 
 
-def step_ends(block: Block, f: BlockFactors, half: Array, dv: Scalar, after: Array, shared: Array) -> Ends:
-    """Return dx, and ds of bounds and of cones.
+def change(f: BlockFactors, half: Array, shared: Array) -> Array:
+    """Return dx, (n,), for a half-solved right-hand side (own,) and the step of the shared unknowns."""
+    return concatenate([back_substitution(f.C, half), shared])
 
-    Args:
-        block: the block.
-        f: its factors.
-        half: (own,) its half-solved right-hand side.
-        dv: step of v.
-        after: (rows,) multipliers of the coupling rows after the step.
-        shared: (shared,) step of the shared unknowns.
-    """
-    dx = concatenate([back_substitution(f.C, half - f.V @ concatenate([after, shared, [dv]])), shared])
+
+def step_ends(block: Block, dx: Array, dv: Scalar) -> Ends:
+    """Return dx, and ds of bounds and of cones."""
     along, by_v = block.R @ dx, [-(cone.G @ dx) for cone in block.cones]
     return dx, concatenate([dv - along, dv + along]), [concatenate([[ds[0] + dv], ds[1:]]) for ds in by_v]
 

@@ -166,13 +166,16 @@ def cholesky(S: Array, lost: Array | None = None) -> Array:
 
     Args:
         S: (n, n) symmetric positive definite, which is not checked.
-        lost: (n,) pivots up to which nothing but rounding is left, and 1 takes their place; None for none.
+        lost: (n,) pivots up to which nothing but rounding is left; 1 takes their place, and 0 that of what is below
+            them. None for none.
     """
     n = len(S)
     rest, columns = S, []
     for j in range(n):
-        diagonal = sqrt(rest[0, 0] if lost is None else where(rest[0, 0] > lost[j], rest[0, 0], 1.0))
-        below = rest[1:, 0] * reciprocal(diagonal)  # one division a column
+        pivot, alive = rest[0, 0], lost is None or rest[0, 0] > lost[j]
+        diagonal = sqrt(pivot if lost is None else where(alive, pivot, 1.0))
+        inverse = reciprocal(diagonal)  # one division a column
+        below = rest[1:, 0] * (inverse if lost is None else where(alive, inverse, 0.0))
         columns.append(concatenate([np.zeros(j), [diagonal], below]))
         rest = rest[1:, 1:] - outer(below, below)
     return array(columns).reshape(n, n).T
