@@ -12,7 +12,7 @@ from holdfast.forces.second_order_cone import ConeScaling, cone_scaling, step_ra
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, reciprocal, select
 
-LOST = 3e-16  # a pivot up to this part of its entry is rounding, which a large curvature of another direction leaves
+PIVOT_OF_ROUNDING = 3e-16  # relative to its entry, of which large curvatures of other directions were taken off
 Predicted = tuple[Array, list[tuple[Array, Array]], Scalar]  # see `predicted`
 Ends = tuple[Array, Array, list[Array]]  # dx, and ds of bounds and of cones
 
@@ -180,7 +180,7 @@ def factorised(block: Block, at: BlockPoint) -> BlockFactors:
     H = block.P + (block.R.T * (up + down)) @ block.R + total(G.T @ (W @ G) for G, W in pairs)
     of_v = block.R.T @ (down - up) - total(G.T @ W[0] for G, W in pairs)
     own = block.own
-    C = cholesky(H[:own, :own], LOST * np.diag(H)[:own])
+    C = cholesky(H[:own, :own], PIVOT_OF_ROUNDING * np.diag(H)[:own])
     columns = np.concatenate([block.E, H[own:], [of_v]]).T
     return BlockFactors(
         product,
