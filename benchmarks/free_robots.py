@@ -22,7 +22,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.dynamics.tree.forest_rows import forest_rows
-from holdfast.dynamics.tree.mechanism_motion import mechanism_motion
+from holdfast.dynamics.tree.mechanism_terms import mechanism_arguments
 from holdfast.robots.urdf import read_urdf
 
 pinocchio: Any = import_module("pinocchio")
@@ -155,7 +155,7 @@ def carrying(path: Path, hands: tuple[str, str], seed: int = 0) -> tuple[hf.Clos
         link, at = arm.frame(tips[name], "tray")
         grasps[name, tips[name]] = hf.Grasp("rigid", frames[alone.as_forest.arms[name][link]] @ at)
     chain = hf.ClosedChain(**parts, held_object=hf.HeldObject.box(2.0, 0.4, 0.3, 0.02), grasps=grasps)
-    G = forest_rows(mechanism_motion(chain, at_rest(chain, q), np.zeros(chain.joint_count)).motion).G
+    G = forest_rows(mechanism_arguments(chain, at_rest(chain, q)).motion({})).G
     free = random.normal(size=G.shape[1])
     rates = free - np.linalg.pinv(G, rcond=1e-9) @ (G @ free)
     return chain, hf.State(q, rates[:-6], hf.Pose.identity(), rates[-6:])

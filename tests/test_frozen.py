@@ -44,10 +44,16 @@ def problem() -> tuple[hf.ClosedChain, hf.State]:
     return made.chain, made.state
 
 
-def branched() -> hf.dynamics.MechanismResult:
-    """Return the result of a chain that is a forest."""
+def branched() -> list[Any]:
+    """Return results of a chain that is a forest."""
     p = two_arms_with_grippers()
-    return hf.forward_dynamics(*p)
+    return [
+        hf.forward_dynamics(*p),
+        hf.inverse_dynamics(p.chain, p.state, 0.0 * p.tau, object_acceleration=np.zeros(6)),
+        hf.linearise(*p),
+        hf.simulate(p.chain, p.state, lambda t, state, memory: (p.tau, memory), 1e-3, 1e-3),
+        hf.dynamics.attach(p.chain, p.state, ("arm2", "pad1"), hf.Grasp("ball"), here=True),
+    ]
 
 
 @cache
@@ -99,7 +105,7 @@ def examples() -> dict[str, Any]:
         run.setting,
         hf.Spring(("world", [0, 0, 1]), ("object", [0, 0, 0]), 5.0),
         hf.Anchor(hf.Pose.translation(0, 0, 1)),
-        branched(),
+        *branched(),
         hf.Closure("left/link3", "right/link3", hf.Grasp("ball")),
         hf.Coupling({"left/joint1": 1.0, "right/joint1": -1.0}),
         hf.Trunk([hf.Joint()], [arm.links[0]], floating=arm.links[0]),

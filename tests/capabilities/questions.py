@@ -44,8 +44,11 @@ class Question:
 def inverse(c: Case) -> Any:
     """Return the torques of the accelerations and wrenches that forward dynamics finds."""
     found = c.solved()
-    base = found.base_acceleration if c.chain.floats else None
-    return hf.inverse_dynamics(c.chain, c.state, found.qdd, found.grasp_wrench, inputs=c.inputs, base_acceleration=base)
+    given = {"inputs": c.inputs, "base_acceleration": found.base_acceleration if c.chain.floats else None}
+    if not c.chain.beyond_serial:
+        return hf.inverse_dynamics(c.chain, c.state, found.qdd, found.grasp_wrench, **given)
+    given["object_acceleration"] = found.object_acceleration
+    return hf.inverse_dynamics(c.chain, c.state, found.qdd, found.grasp_wrench, **given).tau
 
 
 def run(c: Case, **options: Any) -> hf.simulation.Trajectory:

@@ -12,13 +12,31 @@ import holdfast as hf
 from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
-ANSWERED = {"ClosedChain", "close", "forward_dynamics", "dynamics.link_poses"}
+ANSWERED = {
+    "ClosedChain", "close", "control.GravityCompensation",
+    "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
+    "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
+    "dynamics.power", "dynamics.release", "forward_dynamics", "forward_dynamics_jacobian",
+    "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise", "simulate",
+}  # fmt: skip
 # results, which functions of this register make
 RESULTS = {
     "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
-    "identification.Identification",
-    "planning.JointPath", "simulation.Rollout", "simulation.RolloutSystems",
+    "dynamics.MechanismAttachment", "dynamics.MechanismLinearisation", "dynamics.MechanismTorques",
+       "identification.Identification",
+    "planning.JointPath", "simulation.MechanismRun", "simulation.Rollout", "simulation.RolloutSystems",
 }  # fmt: skip
+# of arguments with defaults, those that only chains with branches need
+BESIDE = {
+    "dynamics.attach": {"name": ("arm2", "pad1"), "grasp": hf.Grasp("ball"), "here": True},
+    "dynamics.momentum_rate": {"result": hf.forward_dynamics(*two_arms_with_grippers())},
+    "dynamics.power": {"result": hf.forward_dynamics(*two_arms_with_grippers())},
+    "dynamics.release": {"name": ("arm1", "pad1")},
+    "forward_dynamics_jvp": {"along": {"tau": np.ones(16)}},
+    "forward_dynamics_vjp": {"qdd": np.ones(16)},
+    "simulate": {"duration": 2e-3, "step": 1e-3, "controller": lambda t, state, memory: (np.zeros(16), memory)},
+    "inverse_dynamics": {"qdd": np.zeros(16), "object_acceleration": np.zeros(6)},
+}
 EXPECTED = "expected (serial arms that hold one object|a serial arm), got"
 
 
@@ -42,7 +60,7 @@ def calls() -> dict[str, dict[str, Any]]:
         given = dict.fromkeys(taken(of, "ClosedChain"), p.chain) | dict.fromkeys(taken(of, "Arm"), arm)
         given |= dict.fromkeys(taken(of, "Mapping[str, Arm]"), arms)
         if given:
-            found[path] = given | arguments(of, given, p)
+            found[path] = given | arguments(of, given, p) | BESIDE.get(path, {})
     return found
 
 

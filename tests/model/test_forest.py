@@ -66,6 +66,7 @@ def test_rate_maps_are_derivatives(kind):
         (lambda: BodyJoint("planar", across=[0.0, 0.0, 1.0]), "perpendicular"),
         (lambda: BodyJoint("free", hf.Pose.translation(0.1, 0.0, 0.0)), "expected the identity for a free body"),
         (lambda: BodyJoint("free", damping=1.0), "nothing drives or damps a free body"),
+        (lambda: BodyJoint("spherical", stiffness=1.0), "expected 0 for a spherical joint"),
         (lambda: ForestBody(LINK, BodyJoint("free"), 0), "expected None for a free body"),
         (lambda: ForestBody(hf.Link(0.0), BodyJoint("free")), "mass of a free body"),
         (lambda: Closure(None, 0, hf.Grasp("bushing", stiffness=np.ones(6))), "a bushing is no constraint"),
@@ -110,9 +111,7 @@ def test_forest_of_a_chain():
 def test_forest_of_a_trunk():
     """A floating base is the first body, and mounted arms hang on their links."""
     given = random_on_trunk(3, 2, floating=True).chain
-    arms = {name: arm.of([replace(joint, stiffness=0.0) for joint in arm.joints]) for name, arm in given.arms.items()}
-    trunk = replace(given.trunk, joints=[replace(joint, stiffness=0.0) for joint in given.trunk.joints])
-    chain = replace(given, arms=arms, trunk=trunk)
+    chain = replace(given, springs=())
     assert chain.mounts
     forest = chain.forest
     assert forest.bodies[0].link is chain.trunk.floating
@@ -124,10 +123,8 @@ def test_forest_of_a_trunk():
 def test_force_elements_are_no_part_of_a_forest():
     """A chain with bushings or springs has no forest of its own yet, and says what to try."""
     chain = random_bushed(0).chain
-    sprung = replace(random_problem(3).chain.arms["arm1"].joints[0], stiffness=1.0)
     with pytest.raises(ModelError, match="no part of a forest; try the chain itself"):
         _ = chain.forest
-    plain = random_problem(3).chain
-    arm = plain.arms["arm1"]
-    with pytest.raises(ModelError, match="springs and bushings"):
-        _ = replace(plain, arms={**plain.arms, "arm1": arm.of(joints=[sprung, *arm.joints[1:]])}).forest
+    sprung = replace(random_problem(3).chain, springs=[hf.Spring(("world", np.zeros(3)), ("object", np.zeros(3)), 1.0)])
+    with pytest.raises(ModelError, match="springs between bodies"):
+        _ = sprung.forest

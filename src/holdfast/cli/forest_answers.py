@@ -10,12 +10,22 @@ from rich.console import Console
 from rich.table import Table
 
 from holdfast.cli.force_answers import relative_error
+from holdfast.compiled.chain import compile
 from holdfast.dynamics.result import Status
-from holdfast.dynamics.tree.forest_dynamics import FOREST_METHODS, ForestResult, forest_dynamics
+from holdfast.dynamics.tree.forest_dynamics import (
+    FOREST_METHODS,
+    ForestResult,
+    forest_arguments,
+    forest_dynamics,
+    forest_result,
+)
+from holdfast.dynamics.tree.forest_gaps import require_closed
+from holdfast.dynamics.tree.virtual_power import carried
 from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError
 from holdfast.io.forest_case import ForestCase
 from holdfast.spatial.scalar import Array
 
+COMPILED = "compiled"  # `sequential` as machine code
 OF_FORESTS = f"for arms that hold one object; a forest is answered by {' or '.join(map(repr, FOREST_METHODS))}"
 
 
@@ -111,10 +121,13 @@ def forest_answers(case: ForestCase, methods: Sequence[str]) -> list[ForestAnswe
 
 
 def _answer(case: ForestCase, method: str) -> ForestAnswer:
-    if method not in FOREST_METHODS:
+    given = case.q, case.qd, case.tau, case.wrenches
+    if method not in (*FOREST_METHODS, COMPILED):
         return ForestAnswer(case, method, reason=f"not_applicable: {method}: {OF_FORESTS}")
     try:
-        found = forest_dynamics(case.forest, case.q, case.qd, case.tau, case.wrenches, method=method)
+        if method == COMPILED:
+            return ForestAnswer(case, method, _by_machine_code(case))
+        found = forest_dynamics(case.forest, *given, method=method)
     except StateError as cause:
         return ForestAnswer(case, method, reason=f"inconsistent: {cause}")
     except MethodNotApplicable as cause:
@@ -122,3 +135,19 @@ def _answer(case: ForestCase, method: str) -> ForestAnswer:
     except (SingularChainError, ModelError) as cause:
         return ForestAnswer(case, method, reason=f"singular: {cause}")
     return ForestAnswer(case, method, found)
+
+
+def _by_machine_code(case: ForestCase) -> ForestResult:
+    """Return the result of machine code, with what it leaves to Python: accelerations of bodies, smallest forces."""
+    forest, given = case.forest, (case.q, case.qd, case.tau, case.wrenches)
+    motion = forest_arguments(forest, *given).motion({})
+    require_closed(motion, case.q, case.qd)
+    compiled = compile(forest, parameters=["link_wrench"])
+    r = compiled.forward_dynamics(*given[:3], link_wrench=case.wrenches)
+    qdd = [r.qdd[part] for part in forest.velocities]
+    rates = [b.point_acceleration(x) if b.floats else x for b, x in zip(motion.bodies, qdd, strict=True)]
+    bodies = zip(motion.bodies, carried(motion, rates), strict=True)
+    accelerations = [body.true_acceleration(beta, forest.gravity) for body, beta in bodies]
+    return forest_result(
+        motion, qdd, accelerations, [*r.closure_wrench], [*r.coupling_force], r.rank, r.condition, COMPILED
+    )

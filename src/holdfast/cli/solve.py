@@ -15,9 +15,11 @@ from rich.table import Table
 from holdfast.cli.console import print_document, read_input, stdout, with_progress
 from holdfast.cli.force_answers import METHOD as FORCE_METHOD
 from holdfast.cli.force_answers import ForceAnswer, force_answer, relative_error
-from holdfast.cli.forest_answers import ForestAnswer, forest_answers
+from holdfast.cli.forest_answers import COMPILED, ForestAnswer, forest_answers
 from holdfast.cli.options import CaseFile, Format, Name, OptionalName, Switch
 from holdfast.cli.streams import EXIT_REFUSED
+from holdfast.compiled.chain import compile
+from holdfast.compiled.result import CompiledResult
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.consistency import require_closed, require_rates
 from holdfast.dynamics.forward import forward_dynamics
@@ -32,6 +34,7 @@ from holdfast.io.forest_case import ForestCase
 from holdfast.io.typed import refusal
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK
+from holdfast.questions.arrays import ARRAYS, state_fields
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 
@@ -155,7 +158,10 @@ def answers(case: AnyCase, methods: list[str]) -> Sequence[AnyAnswer]:
 def _answer(case: Case, motion: ChainMotion, method: str, generic_rank: int | None) -> Answer:
     options = {"inputs": case.inputs, "method": method, "check": False, "generic_rank": generic_rank}
     try:
-        result = forward_dynamics(case.chain, case.state, case.tau, **options)
+        if method == COMPILED:
+            result = compiled_result(case)
+        else:
+            result = forward_dynamics(case.chain, case.state, case.tau, **options)
     except MethodNotApplicable as cause:
         return Answer(case, method, reason=f"not_applicable: {cause}")
     except (SingularChainError, ModelError) as cause:  # the latter: an arm whose mass matrix is singular
@@ -169,6 +175,16 @@ def _answer(case: Case, motion: ChainMotion, method: str, generic_rank: int | No
         )
     error = None if case.expected is None else error_vs_expected(result, case.expected, motion)
     return Answer(case, method, result, error=error)
+
+
+def compiled_result(case: Case) -> CompiledResult:
+    """Return the answer of machine code to a case."""
+    chain, inputs = case.chain, case.inputs.shaped(case.chain)
+    given = {name: getattr(case.state, field) for name, field in state_fields(chain).items()}
+    acting = {name: getattr(inputs, row.field) for name, row in ARRAYS.items() if row.role == "input" and row.field}
+    acting = {name: x for name, x in acting.items() if x is not None and (name == "object_wrench" or x.any())}
+    further = [name for name in ("link_wrench",) if {name, f"trunk_{name}"} & {*acting}]
+    return compile(chain, parameters=further).forward_dynamics(**given, tau=case.tau, **acting)
 
 
 def error_vs_expected(result: ForwardResult, expected: CaseExpected, motion: ChainMotion) -> float:
@@ -274,7 +290,8 @@ def solve(
     Args:
         file: problem cases, JSON; - for stdin.
         case: solve only this one.
-        method: an algorithm (`holdfast methods` lists them), or `all`.
+        method: an algorithm (`holdfast methods` lists them), `all`, or `compiled`: `sequential` as machine code, which
+            takes seconds to make for each kind of chain.
         format: a table, or one JSON document.
         json: the same as --format json.
 
@@ -298,8 +315,8 @@ def solve(
 def _chosen_methods(name: str) -> list[str]:
     if name == "all":
         return list(METHODS)
-    if name not in METHODS:
-        raise SceneError(f"no method {name!r}.{checks.did_you_mean(name, ['all', *METHODS])}")
+    if name not in (*METHODS, COMPILED):
+        raise SceneError(f"no method {name!r}.{checks.did_you_mean(name, ['all', COMPILED, *METHODS])}")
     return [name]
 
 

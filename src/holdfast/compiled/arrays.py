@@ -19,6 +19,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.forest import Forest
 from holdfast.questions.arrays import POSES
 from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
@@ -132,8 +133,8 @@ def batch_of(found: Mapping[str, Array], externals: Mapping[str, External]) -> i
     return batch
 
 
-def require_fit(out: Any, chain: ClosedChain, batch: int | None) -> None:
-    """Raise a StateError if `out` belongs to another chain or has another batch size."""
+def require_fit(out: Any, chain: ClosedChain | Forest, batch: int | None) -> None:
+    """Raise a StateError if `out` belongs to another chain or forest, or has another batch size."""
     if not isinstance(out, Results) or out.chain is not chain:
         raise StateError(f"out: expected a result of this compiled chain, got {type(out).__name__}; leave it out first")
     if out.batch != batch:

@@ -79,7 +79,7 @@ class BoundFunction:
 
     def __repr__(self) -> str:
         """Return the question and the chain's arms."""
-        return f"<bound {self._function.name} of {', '.join(self._function.chain.names)}>"
+        return f"<bound {self._function.name} of {self._function.subject}>"
 
     def __call__(self, *none: Any) -> Any:
         """Compute the results from the inputs; see the class for what is returned."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, get_args, overload
 
 from holdfast import outer
 from holdfast.compiled.answers import Answers
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivatives import CompiledDerivatives
+from holdfast.compiled.forest import CompiledForest
 from holdfast.compiled.function import Function
 from holdfast.compiled.structure import OPTIONAL, Options, optional_parameters, require_iterations, require_rank
 from holdfast.dynamics.closed.tip_response import Route
@@ -28,6 +29,7 @@ from holdfast.forces.margins import GRASP_MARGINS
 from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.forest import Forest
 from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called, unknown_attribute
 from holdfast.questions.question import QUESTIONS
@@ -42,6 +44,11 @@ DECLARED = (
 )
 
 
+@overload
+def compile(chain: Forest, *, parameters: Sequence[str] = (), progress: bool | None = None) -> CompiledForest: ...
+
+
+@overload
 def compile(
     chain: ClosedChain,
     *,
@@ -51,15 +58,28 @@ def compile(
     iterations: int | None = None,
     generic_rank: int | None = None,
     progress: bool | None = None,
-) -> CompiledChain:
-    """Compile the dynamics of a chain to machine code.
+) -> CompiledChain: ...
+
+
+def compile(
+    chain: ClosedChain | Forest,
+    *,
+    dtype: str = "float64",
+    method: str = "auto",
+    parameters: Sequence[str] = (),
+    iterations: int | None = None,
+    generic_rank: int | None = None,
+    progress: bool | None = None,
+) -> CompiledChain | CompiledForest:
+    """Compile the dynamics of a chain, or of a forest, to machine code.
 
     Joints, link inertias and tip frames become constants of the code. Bases, grasp frames, the object's inertia and
     gravity are run-time parameters, so chains that differ only in these share their code. Code is cached on disk
     (`HOLDFAST_CACHE` is a folder, or `off`). It is made for this processor, or for the one that `HOLDFAST_CPU` names.
 
     Args:
-        chain: arms, object and grasps.
+        chain: arms, object and grasps; or a forest, whose numbers all become constants, and whose only
+            options are parameters=["link_wrench"] and `progress`.
         dtype: the number type; only `float64` is supported.
         method: how the inverse inertia at each arm's tip is computed: `recursive` (articulated-body recursion),
             `mass_matrix` (by factorisation), or `auto`, which chooses one for each arm.
@@ -75,12 +95,19 @@ def compile(
             second; True: always, elsewhere as a line in the log; False: never.
 
     Returns:
-        The chain's dynamics as functions of arrays, for one system or a batch.
+        The chain's dynamics as functions of arrays, for one system or a batch; of a forest its forward dynamics.
 
     Raises:
         MethodNotApplicable: `method` or `dtype` is not available in machine code.
         CompileError: The machine code cannot be made on this computer.
     """
+    if isinstance(chain, Forest):
+        if dtype != "float64" or method != "auto" or iterations is not None or generic_rank is not None:
+            raise MethodNotApplicable("compile: expected no other options than parameters and progress for a forest")
+        optional_parameters(parameters, "compile", known=("link_wrench",))
+        compiled = CompiledForest(chain, parameters, progress)
+        _ = compiled.calls
+        return compiled
     serial_chain(chain, "compile: chain")
     require_rank(generic_rank, chain, "compile")
     checks.instance(method, str, "compile: method", MethodNotApplicable)

@@ -147,6 +147,11 @@ class Function(Differentiated):
             return self.shown(type(self._own)(self.chain, layout, None, memory))
         return self._show({name: layout.view(name, memory, None) for name in self._names})  # in half the time
 
+    @property
+    def subject(self) -> str:
+        """The chain's arms, for descriptions."""
+        return ", ".join(self.chain.names)
+
     def __repr__(self) -> str:
         """Return the question and the chain."""
         return f"<{self.name} of {self.chain!r}>"

@@ -60,20 +60,18 @@ class Results:
     """The block of memory to which machine code writes the results of one system or a batch.
 
     Attributes:
-        chain: the chain.
+        chain: the chain, or the forest.
         layout: the positions of its arrays in memory.
         memory: the block of memory that holds all arrays.
         batch: the number of systems, or None for one system without a leading axis.
     """
 
-    chain: ClosedChain
+    chain: Any
     layout: ResultLayout
     memory: Array
     batch: int | None
 
-    def __init__(
-        self, chain: ClosedChain, layout: ResultLayout, batch: int | None, memory: Array | None = None
-    ) -> None:
+    def __init__(self, chain: Any, layout: ResultLayout, batch: int | None, memory: Array | None = None) -> None:
         if memory is None:
             # Zeros, because the builtin looks for infinite numbers in the whole block of one system, gaps included.
             memory = np.zeros(layout.total) if batch is None else aligned(layout.total * batch, np.empty)
@@ -89,16 +87,10 @@ class Results:
         return self.layout.view(name, self.memory, self.batch)
 
 
-class CompiledResult(Results, ForwardResult):
-    """A `ForwardResult` of one system or a batch, whose arrays are written by machine code.
+class SolvedResults(Results):
+    """Results with rank, status and condition, of one system or a batch, whose arrays are written by machine code."""
 
-    For a batch every array has a leading axis, and `rank`, `status`, `mobility` and `condition` are arrays as well.
-    If the forces are not unique (`INDETERMINATE_FORCES`), they are one of the solutions, not the one of least norm.
-    A call with `out=result` overwrites the result.
-    """
-
-    method = "sequential"
-    __deepcopy__: Any = None  # allows real copies, because unlike other results this one may be overwritten
+    __deepcopy__: Any = None  # allows real copies, because unlike other results these may be overwritten
 
     def __getattr__(self, name: str) -> Array:
         """Return an array of results, made when first asked for."""
@@ -107,10 +99,37 @@ class CompiledResult(Results, ForwardResult):
         return self.__dict__.setdefault(name, self.array(name))
 
     @property
-    def rank(self) -> Any:  # type: ignore[override]
-        """The number of independent rows of the grasp constraint."""
+    def rank(self) -> Any:
+        """The number of independent rows of the constraint."""
         found = self.array("rank")
         return int(found) if self.batch is None else found.astype(np.int64)
+
+    @property
+    def status(self) -> Any:
+        """The status of the solution; for a batch, an array of `Status`."""
+        return _STATUSES[self.array("status").astype(np.intp)]
+
+    @property
+    def condition(self) -> Any:
+        """A measure of the distance to a singular configuration (see `ForwardResult`); infinite at one."""
+        found = np.where(self.array("status") == SINGULAR, np.inf, self.array("condition"))
+        return float(found) if self.batch is None else found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to unpickle or copy the result from its numbers."""
+        return type(self), (self.chain, self.layout, self.batch, self.memory.copy())
+
+
+class CompiledResult(SolvedResults, ForwardResult):  # pyright: ignore[reportIncompatibleVariableOverride]
+    """A `ForwardResult` of one system or a batch, whose arrays are written by machine code.
+
+    For a batch every array has a leading axis, and `rank`, `status`, `mobility` and `condition` are arrays as well.
+    If the forces are not unique (`INDETERMINATE_FORCES`), they are one of the solutions, not the one of least norm.
+    A call with `out=result` overwrites the result.
+    """
+
+    chain: ClosedChain
+    method = "sequential"
 
     @property
     def mobility(self) -> Any:  # type: ignore[override]
@@ -129,18 +148,3 @@ class CompiledResult(Results, ForwardResult):
 
     def _of_trunk(self, name: str) -> Array | None:
         return self.array(name) if name in self.layout.shapes else None
-
-    @property
-    def status(self) -> Any:  # type: ignore[override]
-        """The status of the solution; for a batch, an array of `Status`."""
-        return _STATUSES[self.array("status").astype(np.intp)]
-
-    @property
-    def condition(self) -> Any:  # type: ignore[override]
-        """A measure of the distance to a singular configuration (see `ForwardResult`); infinite at one."""
-        found = np.where(self.array("status") == SINGULAR, np.inf, self.array("condition"))
-        return float(found) if self.batch is None else found
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to unpickle or copy the result from its numbers."""
-        return CompiledResult, (self.chain, self.layout, self.batch, self.memory.copy())

@@ -163,11 +163,17 @@ def _with_constants(arm: Arm, structure: Structure) -> Arm:
 
     Names and limits, which no algorithm uses, are omitted, so that arms that differ only in these have the same type.
     """
-    joints, tip = [_constant_joint(joint) for joint in arm.joints], _constant_pose(arm.tip)
     if not structure.by_links:
-        return replace(arm.of(joints, (Link(0.0),) * arm.joint_count), tip=tip, visuals=None)
-    made = replace(arm.of(joints, [_constant_link(link) for link in arm.links]), tip=tip, visuals=None)
-    return made if structure.options.link_inertia else regrouped(made)
+        joints = [_constant_joint(joint) for joint in arm.joints]
+        return replace(arm.of(joints, (Link(0.0),) * arm.joint_count), tip=constant_pose(arm.tip), visuals=None)
+    return constant_arm(arm, regroup=not structure.options.link_inertia)
+
+
+def constant_arm(arm: Arm, *, regroup: bool = True) -> Arm:
+    """Return an arm with its numbers as `Constant`, and with inertias regrouped among its links; see `regrouped`."""
+    joints, links = [_constant_joint(joint) for joint in arm.joints], [constant_link(link) for link in arm.links]
+    made = replace(arm.of(joints, links), tip=constant_pose(arm.tip), visuals=None)
+    return regrouped(made) if regroup else made
 
 
 def _traced_trunk(trunk: Trunk, given: Given) -> Trunk:
@@ -177,21 +183,22 @@ def _traced_trunk(trunk: Trunk, given: Given) -> Trunk:
     if TRUNK_LINKS[0] in given:
         bodies = _traced_links(*(given[name] for name in TRUNK_LINKS))
     else:
-        bodies = tuple(_constant_link(body) for body in trunk.bodies)
+        bodies = tuple(constant_link(body) for body in trunk.bodies)
     floating, links = trunk.split(bodies)
     named = zip(links, trunk.links, strict=True)  # arms are mounted by name
     links = tuple(replace(link, name=earlier.name) for link, earlier in named)
-    made.__dict__.update(joints=joints, links=links, base=_constant_pose(trunk.base), floating=floating)
+    made.__dict__.update(joints=joints, links=links, base=constant_pose(trunk.base), floating=floating)
     return made
 
 
 def _constant_joint(joint: Joint) -> Joint:
-    plain = Joint(joint.kind, constants(joint.axis), _constant_pose(joint.placement), pitch=joint.pitch)
+    plain = Joint(joint.kind, constants(joint.axis), constant_pose(joint.placement), pitch=joint.pitch)
     numbers = {name: Constant(getattr(joint, name)) for name in ("armature", "damping", "stiffness", "rest")}
     return replace(plain, **numbers)
 
 
-def _constant_link(link: Link) -> Link:
+def constant_link(link: Link) -> Link:
+    """Return a link with its numbers as `Constant`."""
     plain = Link(link.mass, constants(link.com), constants(link.inertia), physical=False)
     return replace(plain, mass=Constant(link.mass))
 
@@ -207,5 +214,6 @@ def _constant_element(element: ForceElement) -> ForceElement:
     return replace(element, **{field.name: constant(getattr(element, field.name)) for field in fields(element)})
 
 
-def _constant_pose(pose: Pose) -> Pose:
+def constant_pose(pose: Pose) -> Pose:
+    """Return a pose with its numbers as `Constant`."""
     return Pose(constants(pose.R), constants(pose.p))

@@ -195,7 +195,11 @@ def fma(graph: Graph, a: Any, b: Any, c: Any) -> Any:
 
 
 def less(graph: Graph, a: Any, b: Any) -> Any:
-    """Return a < b."""
+    """Return a < b; that of 1/2 and a truth value as a number, 1 or 0, is the truth value."""
+    if isinstance(a, float) and a == 0.5 and b.kind == "select":
+        _, yes, no = b.args
+        if yes.kind == no.kind == "constant" and (yes.value, no.value) == (1.0, 0.0):
+            return b.args[0]
     return False if a is b else graph.make("less", a, b)
 
 

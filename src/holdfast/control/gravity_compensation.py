@@ -11,14 +11,16 @@ from holdfast.control.controller import by_machine_code
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.inverse import torques
+from holdfast.dynamics.tree.mechanism_inverse import mechanism_holding
+from holdfast.dynamics.tree.mechanism_terms import driven_joints
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import serial_chain
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State, require_fit
+from holdfast.state import Inputs, State, require_fit, require_state
 
 
 @called
@@ -41,7 +43,7 @@ class GravityCompensation(Frozen):
     traceable: ClassVar[bool] = True  # can be compiled to machine code
 
     def __post_init__(self) -> None:
-        serial_chain(self.chain, "gravity compensation: chain")
+        checks.instance(self.chain, ClosedChain, "gravity compensation: chain")
         if self.chain.floats and self.chain.gravity.any():
             raise MethodNotApplicable(
                 "GravityCompensation: expected a fixed base, got a trunk whose base floats under gravity, which"
@@ -61,6 +63,10 @@ class GravityCompensation(Frozen):
         Raises:
             StateError: they overflow, or the state is none of the chain.
         """
+        if answered_as_forest(self.chain):
+            require_state(self.chain, state)
+            held = mechanism_holding(self.chain, state.at_rest(), None, self.internal_force)
+            return held - self.joint_damping * driven_joints(self.chain) * state.qd, memory
         require_fit(self.chain, state)
         found = by_machine_code(self, t, state, memory)
         if found is not None:

@@ -17,10 +17,12 @@ from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, needed_wrench, pseudo_gravity
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.inverse import torques
+from holdfast.dynamics.tree.mechanism_inverse import mechanism_holding
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.serial_chain import answered_as_forest, require_unused
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import Inputs, State, require_fit
@@ -121,6 +123,8 @@ def holding_torques(
             chain at rest.
         internal_force: a push of every arm along its contact normal into the object [N], or wrenches (arms, 6) of each
             arm on the object about its contact, world axes. Only the transmissible internal part of either counts.
+            Of a chain with branches, loops, couplings or several objects a row for each grasp and then for each loop;
+            an acceleration is then (k, 6) for k objects, and passive joints are those without a drive.
         passive: joints "arm/joint" (without a name: "arm/joint1", counted from 1) whose torque
             shall be 0; the internal wrench then deviates from the chosen one as far as necessary.
 
@@ -128,6 +132,9 @@ def holding_torques(
         StateError: a shape is wrong, the arms cannot follow the acceleration, the grasps or the driven joints cannot
             hold the load, or a joint is unknown.
     """
+    if answered_as_forest(chain):
+        require_unused(passive=not checks.is_listed(passive) or any(True for _ in passive))
+        return mechanism_holding(chain, state, acceleration, internal_force)
     require_fit(chain, state)
     alpha = np.zeros(6) if acceleration is None else checks.numbers(acceleration, (6,), "acceleration", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))

@@ -36,3 +36,6 @@ from .tree.forest_inverse import forest_inverse_dynamics as forest_inverse_dynam
 from .tree.forest_linearise import forest_linearise as forest_linearise
 from .tree.forest_simulate import forest_simulate as forest_simulate
 from .tree.mechanism import MechanismResult as MechanismResult
+from .tree.mechanism_impulse import MechanismAttachment as MechanismAttachment
+from .tree.mechanism_inverse import MechanismTorques as MechanismTorques
+from .tree.mechanism_linearise import MechanismLinearisation as MechanismLinearisation

@@ -23,7 +23,7 @@ from holdfast.dynamics.tree.mechanism import mechanism_close
 from holdfast.errors import ClosureError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
-from holdfast.model.serial_chain import require_unused
+from holdfast.model.serial_chain import answered_as_forest, require_unused
 from holdfast.model.tip_direction import advice_for
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
@@ -71,7 +71,7 @@ def close(
     Raises:
         ClosureError: if some arms cannot reach their grasps; the message names them and their residuals.
     """
-    if isinstance(chain, ClosedChain) and chain.beyond_serial:
+    if answered_as_forest(chain):
         held = {"hold_object": hold_object, "hold_trunk": not hold_trunk, "hold_base": hold_base}
         given = shaped_inputs(chain, inputs)
         moves = np.any(given.base_twists) or (given.trunk_base_twist is not None and np.any(given.trunk_base_twist))

@@ -22,10 +22,11 @@ from holdfast.dynamics.force_element_rates import force_element_rates, pushforwa
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.minimum_norm_forces import MinimumNormForces, minimum_norm_forces
 from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.dynamics.tree.mechanism_derivatives import mechanism_jacobian, mechanism_jvp, mechanism_vjp
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import serial_chain
+from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain
 from holdfast.questions.arrays import STATE_AND_TORQUES, arguments_of, gradient_shapes, results_of
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import (
@@ -73,12 +74,15 @@ def forward_dynamics_vjp(
             link_com, link_inertia, link_wrench; with a trunk also trunk_link_mass, trunk_link_com,
             trunk_link_inertia and trunk_link_wrench of its bodies (a floating base first), and floating_pose and
             floating_twist or trunk_base_twist and trunk_base_acceleration. The base_pose of an arm on a trunk is
-            relative to the body on which it is mounted.
+            relative to the body on which it is mounted. A chain with branches, loops, couplings or several objects has
+            no base_pose, base_twist and base_acceleration; its armature and damping have one entry a joint, grasp_pose
+            has a row for each grasp and then for each loop, and what is of objects a leading axis if there are several.
         check: False skips the consistency check.
         generic_rank: rank of the constraint away from singular configurations, if known.
         **cotangents: cotangents of any of qdd (n,), grasp_wrench (arms, 6), object_acceleration (6,),
             contact_acceleration (n_g,), base_wrench (arms, 6); with a trunk also trunk_base_wrench (6,) or
-            floating_acceleration (6,).
+            floating_acceleration (6,). Of a chain with branches, those of its `MechanismResult`: qdd,
+            object_acceleration, grasp_wrench, coupling_force and floating_acceleration.
 
     Returns:
         The gradients by argument, in the shape of the argument.
@@ -87,6 +91,9 @@ def forward_dynamics_vjp(
         StateError: a name, shape or number is wrong, or the state violates a grasp.
         SingularChainError: the constraint loses rank at this state.
     """
+    if answered_as_forest(chain):
+        require_unused(generic_rank=generic_rank is not None)
+        return mechanism_vjp(chain, state, tau, inputs, by, check, cotangents)
     what = "forward_dynamics_vjp"
     serial_chain(chain, "chain")
     require_names(what, by, arguments_of(chain))
@@ -136,8 +143,11 @@ def forward_dynamics_jvp(
         SingularChainError: the constraint loses rank at this state.
     """
     what = "forward_dynamics_jvp"
-    serial_chain(chain, "chain")
     checks.instance(along, Mapping, f"{what}: along", StateError)
+    if answered_as_forest(chain):
+        require_unused(generic_rank=generic_rank is not None)
+        return mechanism_jvp(chain, state, tau, along, inputs, check)
+    serial_chain(chain, "chain")
     require_names(what, along, arguments_of(chain))
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, list(along))
     given = directions(what, along, gradient_shapes(chain))
@@ -178,6 +188,9 @@ def forward_dynamics_jacobian(
         StateError: a name, shape or number is wrong, or the state violates a grasp.
         SingularChainError: the constraint loses rank at this state.
     """
+    if answered_as_forest(chain):
+        require_unused(generic_rank=generic_rank is not None)
+        return mechanism_jacobian(chain, state, tau, of, by, inputs, check)
     what = "forward_dynamics_jacobian"
     serial_chain(chain, "chain")
     require_names(what, of, results_of(chain))

@@ -13,8 +13,11 @@ from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.constraint import free_wrenches, length_scale, pattern
 from holdfast.dynamics.near_singular import LostDirection, lost_directions
+from holdfast.dynamics.tree.forest_diagnosis import diagnosed
+from holdfast.dynamics.tree.mechanism_terms import mechanism_arguments
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
@@ -99,7 +102,8 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
         state: its configuration, which need not satisfy the grasps exactly.
 
     Returns:
-        A `Diagnosis`; `str` of it is a report.
+        A `Diagnosis`; `str` of it is a report. For a chain with branches, loops, couplings or several objects a
+        `ForestDiagnosis`, part by part, for which the state must satisfy grasps, loops and couplings.
 
     Raises:
         StateError: a state of the wrong shape for the chain.
@@ -107,6 +111,9 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
     Reference:
         `docs/theory/singular.md`; the rank is the number of pivots that the object filter keeps.
     """
+    if answered_as_forest(chain):
+        given = mechanism_arguments(chain, state)
+        return diagnosed(given._replace(qd=0.0 * given.qd))  # pyright: ignore[reportReturnType]
     require_fit(chain, state)
     still = state.at_rest()
     motion = chain_at_rest(chain, still)

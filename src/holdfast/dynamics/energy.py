@@ -10,13 +10,16 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics, link_twists
 from holdfast.dynamics.closed.force_elements import losses, stored_energies
+from holdfast.dynamics.power_terms import Power
 from holdfast.dynamics.result import ForwardResult, require_result_of
+from holdfast.dynamics.tree.mechanism_balance import mechanism_balance, mechanism_power
 from holdfast.dynamics.trunk.trunk_motion import BaseKinematics, base_kinematics
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.model.trunk import Trunk
 from holdfast.questions.arrays import LINKS, OBJECT, STATE, TRUNK_LINKS, Row
 from holdfast.questions.case import VariedCase
@@ -105,6 +108,8 @@ def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = Non
     Raises:
         StateError: a state or inputs of the wrong shape for the chain.
     """
+    if answered_as_forest(chain):
+        return mechanism_balance(chain, state, inputs).kinetic_energy
     require_fit(chain, state)
     found = total_kinetic_energy(chain, state, shaped_inputs(chain, inputs))
     return float(checks.finite(found, "kinetic energy"))
@@ -140,6 +145,8 @@ def potential_energy(chain: ClosedChain, state: State) -> float:
     Raises:
         StateError: a state of the wrong shape for the chain.
     """
+    if answered_as_forest(chain):
+        return mechanism_balance(chain, state).potential_energy
     require_fit(chain, state)
     return float(checks.finite(total_potential_energy(chain, state), "potential energy"))
 
@@ -178,6 +185,8 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
     Raises:
         StateError: a state of the wrong shape for the chain.
     """
+    if answered_as_forest(chain):
+        return mechanism_balance(chain, state).centre_of_mass
     require_fit(chain, state)
     sums = total_mass_moment(chain, state)
     return checks.finite(sums[1:] / sums[0], "centre of mass")
@@ -212,6 +221,8 @@ def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, i
     Raises:
         StateError: `about` or the inputs have a wrong shape.
     """
+    if answered_as_forest(chain):
+        return mechanism_balance(chain, state, inputs, about).momentum
     require_fit(chain, state)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
     return checks.finite(total_momentum(chain, state, shaped_inputs(chain, inputs), point), "momentum")
@@ -227,28 +238,6 @@ def total_momentum(chain: ClosedChain, state: State, inputs: Inputs, about: Arra
     of_arms = each_of(at.arms, of_arm, at.arms, at.q, at.qd, at.base_twists)
     parts = [*of_arms.values(), *(body.momentum(about) for body in trunk_bodies(chain, at))]
     return sum(parts) + held_body(chain.held_object, state.object_frame, state.object_twist).momentum(about)
-
-
-class Power(NamedTuple):
-    """Power into the chain [W], without gravity and springs, whose work is in the potential energy.
-
-    Attributes:
-        drives: power tau . qd of the actuators.
-        damping: power of all dampers, never positive: -sum d qd^2 in the joints, -sum c (ds/dt)^2 in the springs
-            and -sum V . C V in the bushings.
-        base: power sum F_b . V_b of the base wrenches.
-        external: power of the external wrenches on object and links.
-    """
-
-    drives: Scalar
-    damping: Scalar
-    base: Scalar
-    external: Scalar
-
-    @property
-    def total(self) -> Scalar:
-        """d(T + U)/dt [W]."""
-        return self.drives + self.damping + self.base + self.external
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -269,6 +258,8 @@ def power(
     Raises:
         StateError: a state, torques or inputs of the wrong shape for the chain.
     """
+    if answered_as_forest(chain):
+        return mechanism_power(chain, state, tau, result, inputs)
     require_fit(chain, state)
     torques = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
     require_result_of(chain, result)

@@ -23,7 +23,7 @@ from holdfast.dynamics.tree.mechanism import mechanism_dynamics
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import require_unused
+from holdfast.model.serial_chain import answered_as_forest, require_unused
 from holdfast.questions.arrays import (
     ARGUMENTS,
     ARRAYS,
@@ -87,7 +87,7 @@ def forward_dynamics(
         SingularChainError: if the configuration is singular, so that the constraint's rank drops.
         MethodNotApplicable: if the chosen algorithm does not cover this chain.
     """
-    if isinstance(chain, ClosedChain) and chain.beyond_serial:
+    if answered_as_forest(chain):
         require_unused(route=route != "auto", generic_rank=generic_rank is not None, held=held is not None)
         return mechanism_dynamics(chain, state, tau, inputs, method, check=check)  # pyright: ignore[reportReturnType]
     require_fit(chain, state)

@@ -23,12 +23,13 @@ from holdfast.dynamics.projection import constraint_impulses, quickened
 from holdfast.dynamics.rank import rank_and_held_near
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.smallest_forces import with_smallest_forces
+from holdfast.dynamics.tree.mechanism_impulse import grasp_ends, mechanism_attach
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.grasp import Grasp
-from holdfast.model.serial_chain import serial_chain
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
@@ -68,7 +69,7 @@ class Attachment(Frozen):
 def attach(
     chain: ClosedChain,
     state: State,
-    name: str,
+    name: str | tuple[str, str],
     grasp: Grasp,
     *,
     here: bool = False,
@@ -82,11 +83,14 @@ def attach(
     Args:
         chain: the chain.
         state: positions and velocities before; they must satisfy the chain's grasps.
-        name: an arm without a grasp.
+        name: an arm without a grasp, or (arm, frame) of a chain with branches.
         grasp: the grasp to close.
         here: move the grasp's frame to the tip, see `grasp_here`. Otherwise the tip must be at the frame.
         inputs: base motion, if the bases move.
         tolerance: largest accepted position gap of the new grasp [m and rad].
+
+    Returns:
+        An `Attachment`; for a chain with branches, loops, couplings or several objects a `MechanismAttachment`.
 
     Raises:
         ModelError: there is no such arm, or it already has a grasp.
@@ -94,6 +98,13 @@ def attach(
         ClosureError: the tip is not at the grasp, the grasp cannot be moved to the tip, or no velocities satisfy all
             grasps with the given motion of the bases.
     """
+    if answered_as_forest(chain) or not isinstance(name, str):
+        checks.instance(chain, ClosedChain, "chain")
+        closed = chain.with_grasp(name, grasp)
+        if here:
+            closed = chain.with_grasp(name, grasp_here(grasp, *grasp_ends(closed, state, name), str(name)))
+        limit = checks.number(tolerance, "tolerance", at_least=0.0)
+        return mechanism_attach(chain, closed, state, name, limit, inputs)  # pyright: ignore[reportReturnType]
     require_fit(chain, state)
     given = shaped_inputs(chain, inputs)
     closed = chain.with_grasp(name, grasp)
@@ -109,17 +120,17 @@ def attach(
     return stopped
 
 
-def release(chain: ClosedChain, name: str) -> ClosedChain:
+def release(chain: ClosedChain, name: str | tuple[str, str]) -> ClosedChain:
     """Return the chain with one grasp opened; there is no impulse, and all velocities stay the same. O(1).
 
     Args:
         chain: the chain.
-        name: an arm with a grasp.
+        name: an arm with a grasp, or (arm, frame).
 
     Raises:
         ModelError: there is no such grasp.
     """
-    serial_chain(chain, "chain")
+    checks.instance(chain, ClosedChain, "chain")
     return chain.without_grasp(name)
 
 

@@ -9,10 +9,12 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.tree.mechanism_inverse import mechanism_torques
 from holdfast.dynamics.trunk.trunk_inverse import needs_drive, require_no_base_wrench, trunk_torques
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.questions.arrays import ARGUMENTS, FLOATING_RESULT, TRUNK_BASE_MOTION, TRUNK_LINKS
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
@@ -29,14 +31,19 @@ def inverse_dynamics(
     chain: ClosedChain,
     state: State,
     qdd: ArrayLike,
-    grasp_wrench: ArrayLike,
+    grasp_wrench: ArrayLike | None = None,
     inputs: Inputs | None = None,
     base_acceleration: ArrayLike | None = None,
+    *,
+    object_acceleration: ArrayLike | None = None,
 ) -> Array:
     """Return tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), arm by arm (2.1a). O(n).
 
     The caller must provide accelerations that satisfy the grasps, and wrenches that move the object accordingly;
     `forward_dynamics` with the returned torques then reproduces them.
+
+    For a chain with branches, loops, couplings or several objects, the wrenches are those closest to the given ones
+    that carry objects and passive joints, so that none need be given. O(n^3).
 
     Args:
         chain: the chain.
@@ -44,17 +51,26 @@ def inverse_dynamics(
         qdd: (n,) joint accelerations.
         grasp_wrench: (arms, 6) wrench of each arm on the object, about the contact, world axes. Rows of arms without a
             grasp must be zero; rows of bushings must be the wrenches that these exert, or zero, which stands for them.
+            Of a chain with branches, a row for each grasp and then for each loop; zeros by default.
         inputs: external wrenches and base motion.
         base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; required if there is one.
+        object_acceleration: (6,) true acceleration of the object, or (k, 6) of several, of a chain with branches.
 
     Returns:
-        (n,) joint torques [N m or N].
+        (n,) joint torques [N m or N]; for a chain with branches, loops, couplings or several objects
+        `MechanismTorques`, which has them beside the forces of grasps, loops and couplings.
 
     Raises:
         StateError: a shape is wrong, a wrench is given for an arm without a grasp, a wrench differs from that of a
-            bushing, or a floating base would need a drive.
+            bushing, a floating base would need a drive, or nothing can carry an object or a passive joint.
     """
+    if answered_as_forest(chain):
+        of_base = acceleration_of_base(chain, base_acceleration)
+        found = mechanism_torques(chain, state, qdd, grasp_wrench, inputs, of_base, object_acceleration)
+        return found  # pyright: ignore[reportReturnType]
     require_fit(chain, state)
+    if object_acceleration is not None:
+        raise StateError("object_acceleration: expected none, as that of the object follows from grasp_wrench")
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), shaped_inputs(chain, inputs))

@@ -10,9 +10,11 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.energy import bodies, total_mass_moment
 from holdfast.dynamics.result import ForwardResult, require_result_of
+from holdfast.dynamics.tree.mechanism_balance import mechanism_momentum_rate
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.vector import cross
@@ -34,13 +36,16 @@ def momentum_rate(
     Args:
         chain: the chain.
         state: positions of links and object.
-        result: forward dynamics at that state, for the base wrenches.
+        result: forward dynamics at that state, for the base wrenches; for a chain with branches, loops, couplings or
+            several objects, for the accelerations of its bodies, from which the rate then follows.
         about: (3,) world point; default the world's origin.
         inputs: external wrenches.
 
     Raises:
         StateError: `about` or the inputs have a wrong shape.
     """
+    if answered_as_forest(chain):
+        return mechanism_momentum_rate(chain, state, result, about, inputs)
     require_fit(chain, state)
     require_result_of(chain, result)
     checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)

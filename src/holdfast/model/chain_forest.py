@@ -15,7 +15,7 @@ from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.trunk import NAME as TRUNK
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import Frozen, changed
 from holdfast.spatial.pose import Pose
 
 if TYPE_CHECKING:
@@ -67,12 +67,12 @@ def chain_forest(chain: ClosedChain) -> ChainForest:
             bodies.append(ForestBody(trunk.floating, BodyJoint("free")))
         base, on = Pose.identity() if trunk.floating is not None else trunk.base, 0 if bodies else None
         serial = (None, *range(len(trunk.joints)))[:-1]
-        bodies += _on_joints(trunk.joints, trunk.links, serial, base, on, len(bodies))
+        bodies += _on_joints(TRUNK, trunk.joints, trunk.links, serial, base, on, len(bodies))
     first = len(bodies)
     stands = {name: chain.mounted_on.get(name) for name in chain.arms}
     for name, arm in chain.arms.items():
         start = len(bodies)
-        bodies += _on_joints(arm.joints, arm.links, arm.parent_of, arm.base, stands[name], start)
+        bodies += _on_joints(name, arm.joints, arm.links, arm.parent_of, arm.base, stands[name], start)
         arms[name] = range(start, len(bodies))
     objects = {name: len(bodies) + k for k, name in enumerate(chain.free_objects)}
     for name, one in chain.free_objects.items():
@@ -149,6 +149,7 @@ def _coupling(coupling: Coupling, joints: Mapping[str, int]) -> JointCoupling:
 
 
 def _on_joints(
+    name: str,
     joints: Sequence[Joint],
     links: Sequence[Link],
     parents: Sequence[int | None],
@@ -156,11 +157,15 @@ def _on_joints(
     parent: int | None,
     first: int,
 ) -> list[ForestBody]:
-    """Return the bodies of a tree on a base that is fixed to `parent`; the first of them has the index `first`."""
+    """Return the bodies of a tree on a base that is fixed to `parent`; the first of them has the index `first`.
+
+    Their names are those of the links, as "arm/link", or the indices of links without a name.
+    """
     bodies = []
-    for joint, link, on in zip(joints, links, parents, strict=True):
+    for k, (joint, link, on) in enumerate(zip(joints, links, parents, strict=True)):
         placement = joint.placement if on is not None else base @ joint.placement
-        given = {"pitch": joint.pitch, "armature": joint.armature, "damping": joint.damping}
+        given = {name: getattr(joint, name) for name in ("pitch", "armature", "damping", "stiffness", "rest")}
         own = BodyJoint(joint.kind, placement, joint.axis, **given, actuated=joint.actuated)
-        bodies.append(ForestBody(link, own, parent if on is None else first + on))
+        named = changed(link, name=f"{name}/{link.name or k}")
+        bodies.append(ForestBody(named, own, parent if on is None else first + on))
     return bodies

@@ -281,12 +281,12 @@ class ClosedChain(Frozen):
         """The chain as a forest: the bodies of the trunk, those of the arms in order, and the objects last.
 
         Raises:
-            ModelError: springs or bushings act, which are no part of a forest yet.
+            ModelError: springs between bodies or bushings act, which are no part of a forest yet.
         """
-        if self.springs or self.bushings or any(joint.stiffness for joint in self.all_joints):
+        if self.springs or self.bushings:
             raise ModelError(
-                "forest: expected a chain without springs and bushings, which are no part of a forest; try the chain"
-                " itself, for example forward_dynamics(chain, state, tau)"
+                "forest: expected a chain without springs between bodies and bushings, which are no part of a forest;"
+                " try the chain itself, for example forward_dynamics(chain, state, tau)"
             )
         return self.as_forest.forest
 
@@ -347,23 +347,24 @@ class ClosedChain(Frozen):
                 raise ModelError(f"base of '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
         return replace(self, arms={n: a.at(bases[n]) if n in bases else a for n, a in self.arms.items()})
 
-    def with_grasp(self, name: str, grasp: Grasp) -> ClosedChain:
-        """Return the chain with an additional grasp of an arm that has none."""
-        checks.instance(name, str, "grasp: name of the arm")
-        if name not in self.arms:
-            raise ModelError(f"grasp '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
+    def with_grasp(self, name: str | tuple[str, str], grasp: Grasp) -> ClosedChain:
+        """Return the chain with an additional grasp of an arm, or of its frame as (arm, frame), that has none."""
+        arm = _arm_of(name)
+        checks.instance(arm, str, "grasp: name of the arm")
+        if arm not in self.arms:
+            raise ModelError(f"grasp '{arm}': no such arm.{checks.did_you_mean(arm, self.arms)}")
         if name in self.grasps:
             raise ModelError(
-                f"grasp '{name}': expected an arm without a grasp, got one that has a {self.grasps[name].kind} grasp;"
-                f" try without_grasp('{name}') first"
+                f"grasp {name!r}: expected an arm without a grasp, got one that has a {self.grasps[name].kind} grasp;"
+                f" try without_grasp({name!r}) first"
             )
         return replace(self, grasps={**self.grasps, name: grasp})
 
-    def without_grasp(self, name: str) -> ClosedChain:
-        """Return the chain without the grasp of the named arm, which then moves freely."""
-        checks.instance(name, str, "grasp: name of the arm")
+    def without_grasp(self, name: str | tuple[str, str]) -> ClosedChain:
+        """Return the chain without the grasp of the named arm, or of its frame, which then moves freely."""
+        checks.instance(_arm_of(name), str, "grasp: name of the arm")
         if name not in self.grasps:
-            raise ModelError(f"grasp '{name}': no such grasp.{checks.did_you_mean(name, self.grasps)}")
+            raise ModelError(f"grasp {name!r}: no such grasp.{checks.did_you_mean(str(name), map(str, self.grasps))}")
         return replace(self, grasps={n: g for n, g in self.grasps.items() if n != name})
 
 

@@ -43,6 +43,9 @@ class BodyJoint(Frozen):
         pitch: translation along the axis per radian, for a screw [m/rad].
         armature: inertia of the drive of every degree of freedom, reflected to the joint, >= 0 [kg m^2 or kg].
         damping: viscous damping of every degree of freedom, >= 0 [N m s/rad or N s/m].
+        stiffness: stiffness k of a spring in a joint with one degree of freedom, with the torque -k (q - rest), >= 0
+            [N m/rad or N/m].
+        rest: q at which that spring is slack [rad or m].
         actuated: False for a joint without a drive, which `forest_inverse_dynamics` gives no torque. A free body has
             none, either.
     """
@@ -54,6 +57,8 @@ class BodyJoint(Frozen):
     pitch: float | None = None
     armature: float = 0.0
     damping: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
     actuated: bool = True
 
     def __post_init__(self) -> None:
@@ -77,10 +82,15 @@ class BodyJoint(Frozen):
             put(self, "across", checks.unit_vector(self.across, "joint: across"))
             if abs(self.across @ self.axis) > checks.ROTATION_TOLERANCE:
                 raise ModelError("joint: across: expected a direction perpendicular to the axis")
-        for name in ("armature", "damping"):
+        for name in ("armature", "damping", "stiffness"):
             put(self, name, checks.number(getattr(self, name), f"joint: {name}", at_least=0.0))
             if self.of_kind.floats and getattr(self, name):
                 raise ModelError(f"joint: {name}: expected 0, as nothing drives or damps a free body")
+        put(self, "rest", checks.number(self.rest, "joint: rest"))
+        if self.stiffness and self.of_kind.freedoms > 1:
+            raise ModelError(
+                f"joint: stiffness: expected 0 for a {self.kind} joint, which turns or shifts in many ways"
+            )
 
     @property
     def of_kind(self) -> JointKind:

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeGuard
 
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 
-ANSWERED = "forward_dynamics and close"  # what such chains can be asked
+# what such chains can be asked
+ANSWERED = (
+    "close, forward_dynamics, its derivatives, inverse_dynamics, holding_torques, diagnose, energies, attach,"
+    " linearise, simulate"
+)
+
+
+def answered_as_forest(value: Any) -> TypeGuard[ClosedChain]:
+    """Return whether a value is a chain with more than serial arms that hold one object."""
+    return isinstance(value, ClosedChain) and bool(value.beyond_serial)
 
 
 def serial_chain(value: Any, what: str) -> None:

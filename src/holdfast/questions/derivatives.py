@@ -121,6 +121,7 @@ def attach(question: Question, function: Asked[..., Any], own: Callable[..., Map
     with_along = signature.replace(parameters=[*signature.parameters.values(), along])
 
     def case(called: dict[str, Any]) -> tuple[VariedCase, Any]:
+        serial_chain(called["chain"], "chain")
         with np.errstate(all="ignore"):
             result = function(**called)
         return asked_case(question, called, own), result

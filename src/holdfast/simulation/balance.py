@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.energy import Power
+from holdfast.dynamics.power_terms import Power
 from holdfast.simulation.stops import JUMP_WIDTH
 from holdfast.spatial.scalar import Array, array
 

@@ -14,10 +14,11 @@ from holdfast.control.controller import held_torques
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.linearise import Linearisation, basis_at, coordinates, linearised_dynamics, turned_towards
 from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.tree.mechanism_linearise import mechanism_linearisation
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import serial_chain
+from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain
 from holdfast.names import called
 from holdfast.simulation.environment import MOVING_BASES, BaseMotion, Environment
 from holdfast.simulation.rollout.traced_step import StepModel
@@ -134,7 +135,8 @@ def linearise(
 
     Returns:
         A `Linearisation`, or a `DiscreteLinearisation` if `step` is given. The dimension m is twice the mobility of the
-        chain, less one for each constraint row that the grasps impose on velocities only.
+        chain, less one for each constraint row that the grasps impose on velocities only. For a chain with branches,
+        loops, couplings or several objects a `MechanismLinearisation`, of the dynamics only.
 
     Raises:
         StateError: a shape is wrong, the state violates a grasp, or the step is too long for the motion.
@@ -144,6 +146,12 @@ def linearise(
     Reference:
         docs/theory/derivatives.md.
     """
+    if answered_as_forest(chain):
+        require_unused(
+            generic_rank=generic_rank is not None, step=step is not None, base_motion=base_motion is not None
+        )
+        found = mechanism_linearisation(chain, state, tau, inputs, basis, check)
+        return found  # pyright: ignore[reportReturnType]
     serial_chain(chain, "chain")
     checks.instance(state, State, "state", StateError)
     if step is None:

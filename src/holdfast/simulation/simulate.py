@@ -29,13 +29,14 @@ from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import serial_chain
+from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain
 from holdfast.progress import of_time, reporting
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
+from holdfast.simulation.mechanism_run import mechanism_run, require_simulated
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
 from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
 from holdfast.simulation.run_record import EVERYTHING, Listeners, record_settings, require_memory
@@ -94,6 +95,10 @@ def simulate(
     The margins of one-sided grasps and of joint limits are also evaluated inside every step; `simulation.verification`
     states which violations are certain to be found. For a chain without such limits this costs nothing.
 
+    A chain with branches, loops, couplings or several objects is simulated by "rk4" in fixed steps, after each of which
+    its forest is closed. Limits of its joints and grasps are not verified: it must be asked for `on_slip="record"` if
+    it has grasps with friction or limits, and then moves as if they held.
+
     Args:
         chain: arms, object and grasps.
         state: initial state, which must satisfy the grasps.
@@ -145,6 +150,9 @@ def simulate(
             samples beside it; the arrays of a longer run are read from the folder when they are first used.
         overwrite: whether an earlier result in this folder is replaced.
 
+    Returns:
+        A `Trajectory`; for a chain with branches, loops, couplings or several objects a `MechanismRun`.
+
     Raises:
         ModelError: the duration or step is not positive, there are too many steps, a policy, a scheme or an array is
             unknown, an event is impossible, the sample time or delay is invalid, the controller is not a function, or a
@@ -153,7 +161,24 @@ def simulate(
             the parameters do not match those of its law.
         SingularChainError: the initial configuration is singular.
         ResultError: the folder is in use or cannot be written.
+        MethodNotApplicable: the chain is answered as a forest, and does not take one of the arguments.
     """
+    if answered_as_forest(chain):
+        given = {"base_motion": base_motion or None, "largest_drift": largest_drift, "start": start, "folder": folder}
+        given |= {"progress": progress or None, "on_sample": on_sample, "on_checkpoint": on_checkpoint}
+        given |= {"on_samples": on_samples, "make_stepper": make_stepper}
+        given |= {"sample_time": at_samples(controller, sample_time, delay)[1]}
+        require_unused(**{argument: x is not None for argument, x in given.items()})
+        jumps = not checks.is_listed(breakpoints) or any(True for _ in breakpoints)
+        require_unused(events=bool(events), breakpoints=jumps, delay=delay != 0.0, name=name != "run")
+        require_unused(on_limit=on_limit != "record", on_singular=on_singular != "stop", scheme=scheme != "rk4")
+        require_unused(record=record != EVERYTHING, overwrite=overwrite)
+        require_simulated(chain, Policy(on_slip, on_limit, on_singular))
+        require_controller(controller)
+        law, times = given_law(controller, parameters), step_times(duration, step)
+        kept = record_settings(record, every, step, chain).every
+        run = mechanism_run(chain, state, law, times, Inputs() if inputs is None else inputs, kept)
+        return run  # pyright: ignore[reportReturnType]
     serial_chain(chain, "simulation: chain")
     checks.instance(state, State, "simulation: state", StateError)
     require_controller(controller)

@@ -11,51 +11,23 @@ import holdfast as hf
 from holdfast.dynamics.tree.forest_dynamics import forest_dynamics
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model.forest import BodyJoint, Forest, ForestBody
+from tests.dynamics.tree.as_branched import STRAY, gap, serial_problems, with_stray
 from tests.oracles.forest_equations import ForestEquations
-from tests.systems.anchored import pinned, pinned_to_trunk
-from tests.systems.as_chain import Problem
 from tests.systems.branched import FINGERS, two_arms_with_grippers
 from tests.systems.bricard import AXES, POINTS, bricard
 from tests.systems.n_four_bar import LENGTH, n_four_bar
-from tests.systems.problems import random_problem
 from tests.systems.random_parts import rotation as random_rotation
 from tests.systems.squeezer import ACCELERATIONS, FIRST_LOOP, squeezer
-from tests.systems.trunk_problems import random_on_trunk
-
-STRAY = hf.HeldObject.box(3.0, 0.2, 0.3, 0.4)
 
 
-def gap(found, wanted) -> float:
-    """Return max|x - e| / max(1, max|e|)."""
-    found, wanted = np.asarray(found), np.asarray(wanted)
-    assert found.shape == wanted.shape
-    return float(np.abs(found - wanted).max(initial=0.0)) / max(1.0, float(np.abs(wanted).max(initial=0.0)))
-
-
-def problems() -> dict[str, Problem]:
-    """Return serial chains with everything that moves or pushes them, by name."""
-    return {
-        "moving bases": random_problem(11, arms=3, moving_base=True),
-        "an arm that holds nothing": random_problem(5, arms=3, grasps=("rigid", None, "hinge")),
-        "anchors": pinned(random_problem(7, arms=2), ("ball",)),
-        "an anchor on a trunk": pinned_to_trunk(random_on_trunk(2, 3), "ball"),
-        "a floating base": random_on_trunk(4, 2, floating=True),
-        "a trunk": random_on_trunk(6, 5),
-    }
-
-
-@pytest.mark.parametrize("name", problems())
+@pytest.mark.parametrize("name", serial_problems())
 def test_an_object_that_nothing_holds(name):
     """Another object makes the chain a forest, changes nothing else, and falls under its own wrench."""
-    p = problems()[name]
-    chain = replace(p.chain, objects={"stray": STRAY}, springs=())
-    alone = replace(p.chain, springs=())
-    wrench, pose = np.array([0.1, 0.2, 0.3, 1.0, 2.0, 3.0]), hf.Pose.translation(1.0, 2.0, 3.0).wxyz_xyz
-    state = replace(p.state, object_pose=[p.state.object_pose, pose], object_twist=[p.state.object_twist, np.zeros(6)])
-    pushed = p.inputs.object_wrench if p.inputs.object_wrench is not None else np.zeros(6)
-    inputs = replace(p.inputs, object_wrench=[pushed, wrench])
-    found = hf.forward_dynamics(chain, state, p.tau, inputs=inputs, check=False)
-    wanted = hf.forward_dynamics(alone, p.state, p.tau, inputs=p.inputs, check=False)
+    p = serial_problems()[name]
+    wrench = np.array([0.1, 0.2, 0.3, 1.0, 2.0, 3.0])
+    chain, state, tau, inputs = with_stray(p, wrench)
+    found = hf.forward_dynamics(chain, state, tau, inputs=inputs, check=False)
+    wanted = hf.forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs, check=False)
     held = [list(chain.arms).index(name) for name in chain.grasps]
     assert gap(found.qdd, wanted.qdd) < 1e-10
     assert gap(found.grasp_wrench, wanted.grasp_wrench[held]) < 1e-10

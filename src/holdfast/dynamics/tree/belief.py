@@ -22,7 +22,7 @@ from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factore
 from holdfast.dynamics.closed.filter_updates import RowSums, included_row
 from holdfast.dynamics.tree.order import ROOT
 from holdfast.spatial.linalg import RANK_TOLERANCE
-from holdfast.spatial.scalar import Array, Scalar, array, minimum, select, where
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum, select, where
 from holdfast.spatial.vector import outer
 
 
@@ -276,13 +276,13 @@ def _most_free(P: FactoredMobility, table: Array, n: int) -> tuple[Array, Array,
 def first_by(variance: Array, table: Array) -> tuple[Array, Array, list[Scalar]]:
     """Return the row of a table with the largest variance relative to its size, the last column, the others, and picks.
 
-    The choices can be repeated for other columns (`picked`).
+    The choices, 1 or 0, can be repeated for other columns (`picked`).
     """
     most, *rest = relative(variance, table[:, -1])
     picks = []
     for s in rest:
-        picks.append(s > most)
-        most = where(picks[-1], s, most)
+        picks.append(where(s > most, 1.0, 0.0))
+        most = maximum(most, s)
     return *picked(picks, table), picks
 
 
@@ -290,8 +290,8 @@ def picked(picks: list[Scalar], table: Array) -> tuple[Array, Array]:
     """Return the preferred row of a table and the others, where every row after the first may be preferred."""
     row, others = table[0], []
     for one, more in zip(table[1:], picks, strict=True):
-        others.append(select(more, row, one))
-        row = select(more, one, row)
+        others.append(select(more > 0.5, row, one))
+        row = select(more > 0.5, one, row)
     return row, array(others).reshape(-1, table.shape[1])
 
 

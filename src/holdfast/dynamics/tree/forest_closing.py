@@ -106,6 +106,12 @@ def forest_impulse(forest: Forest, q: ArrayLike, qd: ArrayLike) -> ForestImpulse
     given = forest_arguments(forest, q, qd)
     still = given._replace(qd=0.0 * given.qd)
     require_closed(still.motion({}), still.q, still.qd)
+    return impulse_of(given)
+
+
+def impulse_of(given: ForestArguments) -> ForestImpulse:
+    """Return the rates of a forest after impulses that make them agree; see `forest_impulse`."""
+    forest = given.forest
     change, found, motion = _velocity_change(given)
     rank, wrenches, multipliers = int(found.rank), found.wrenches, found.multipliers
     unique = rank == forest.constraint_row_count

@@ -183,7 +183,12 @@ def forest_dynamics_jacobian(
     what = "forest_dynamics_jacobian"
     require_names(what, of, FOREST_RESULTS)
     require_names(what, by, FOREST_ARGUMENTS)
-    at, result = forest_point(forest_arguments(forest, q, qd, tau, wrenches), check)
+    return jacobian_of(forest_arguments(forest, q, qd, tau, wrenches), of, by, check)
+
+
+def jacobian_of(given: ForestArguments, of: Sequence[str], by: Sequence[str], check: bool) -> Derivatives:
+    """Return the Jacobian of some results by some arguments; see `forest_dynamics_jacobian`."""
+    at, result = forest_point(given, check)
     values = at.given.values(by)
     ends = np.cumsum([0, *(x.size for x in values.values())]).tolist()
     units = np.split(np.eye(ends[-1]), ends[1:-1])

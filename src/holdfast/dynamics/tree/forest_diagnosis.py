@@ -117,8 +117,12 @@ def forest_diagnose(forest: Forest, q: ArrayLike) -> ForestDiagnosis:
     Raises:
         StateError: a shape is wrong, or the positions violate a closure.
     """
-    given = forest_arguments(forest, q)
-    motion = given.motion({})
+    return diagnosed(forest_arguments(forest, q))
+
+
+def diagnosed(given: ForestArguments) -> ForestDiagnosis:
+    """Return rank and mobility of a forest at rest; see `forest_diagnose`."""
+    forest, motion = given.forest, given.motion({})
     require_closed(motion, given.q, given.qd)
     parts = tuple(
         judged(forest, part, given.q) for part in plan_of(forest.topology).parts if part.closures or part.couplings
@@ -241,9 +245,16 @@ def _name(forest: Forest, part: ForestPart) -> str:
     bodies = [name for _, name in names if name]
     unnamed = [k for k, name in names if not name]
     bodies += [_listed("body", "bodies", unnamed)] if unnamed else []
-    by = [_listed("closure", "closures", part.closures)] if part.closures else []
-    by += [_listed("coupling", "couplings", part.couplings)] if part.couplings else []
-    return f"{' and '.join(by)} ({', '.join(bodies)}{' on the ground' if part.root == GROUND else ''})"
+    by = _named("closure", "closures", part.closures, [c.name for c in forest.closures])
+    by += _named("coupling", "couplings", part.couplings, [c.name for c in forest.couplings])
+    listed = " and ".join(by) if len(by) < 3 else ", ".join(by)
+    return f"{listed} ({', '.join(bodies)}{' on the ground' if part.root == GROUND else ''})"
+
+
+def _named(one: str, several: str, numbers: Sequence[int], names: Sequence[str]) -> list[str]:
+    """Return the names of closures or couplings, or else their numbers with what they are."""
+    known = [names[i] for i in numbers]
+    return known if all(known) else [_listed(one, several, numbers)]
 
 
 def _listed(one: str, several: str, numbers: Sequence[int]) -> str:

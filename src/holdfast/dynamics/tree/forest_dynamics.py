@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, NoReturn
 
 import numpy as np
@@ -23,7 +24,7 @@ from holdfast.model import checks
 from holdfast.model.forest import Forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar, maximum
 
 CONTRADICTION = 1e-8  # relative violation of a closure's acceleration above which no accelerations satisfy it
 
@@ -152,30 +153,65 @@ def solved_motion(
         require_closed(motion, q, qd)
     found = FOREST_METHODS[method](motion)
     _require_inertia(forest, found)
-    accelerations = [b.true_acceleration(x, forest.gravity) for b, x in zip(motion.bodies, found.beta, strict=True)]
-    qdd = [a if b.floats else x for a, b, x in zip(accelerations, motion.bodies, found.qdd, strict=True)]
+    accelerations, qdd = true_accelerations(motion, found)
     if not np.isfinite(np.concatenate([*qdd, *found.wrenches, found.multipliers])).all():
         raise StateError("the accelerations overflow float64; check the sizes of lengths, masses, rates and torques")
     rank = int(found.rank)
     _require_satisfied(motion, found, rank)
+    forces = found.wrenches, found.multipliers
+    return found, forest_result(motion, qdd, accelerations, *forces, rank, 1.0 / float(found.weakest), method)
+
+
+def forest_result(
+    motion: ForestMotion,
+    qdd: list[Array],
+    accelerations: list[Array],
+    wrenches: list[Array],
+    multipliers: list[Scalar],
+    rank: int,
+    condition: float,
+    method: str,
+) -> ForestResult:
+    """Return a result, with the smallest forces where they are not unique; for arguments see `ForestResult`."""
+    forest = motion.forest
     unique = rank == forest.constraint_row_count
-    wrench, multipliers = found.wrenches, found.multipliers
     if not unique:
-        wrench, multipliers = least_forces(motion, forest_rows(motion), wrench, multipliers, rank)
-        checks.finite(np.concatenate([*wrench, multipliers]), "the smallest forces")
-    result = ForestResult(
+        wrenches, multipliers = least_forces(motion, forest_rows(motion), wrenches, multipliers, rank)
+        checks.finite(np.concatenate([*wrenches, multipliers]), "the smallest forces")
+    return ForestResult(
         forest,
         np.concatenate(qdd),
         np.array(accelerations),
-        np.array(wrench).reshape(-1, 6),
+        np.array(wrenches).reshape(-1, 6),
         np.array(multipliers),
         rank,
         forest.velocity_count - rank,
         Status.OK if unique else Status.INDETERMINATE_FORCES,
-        1.0 / float(found.weakest),
+        condition,
         method,
     )
-    return found, result
+
+
+def true_accelerations(motion: ForestMotion, found: ForestSolution) -> tuple[list[Array], list[Array]]:
+    """Return per body the true acceleration of its frame's origin, (6,), and qdd, (m,)."""
+    gravity = motion.forest.gravity
+    accelerations = [b.true_acceleration(x, gravity) for b, x in zip(motion.bodies, found.beta, strict=True)]
+    return accelerations, [
+        a if b.floats else x for a, b, x in zip(accelerations, motion.bodies, found.qdd, strict=True)
+    ]
+
+
+def contradictions(motion: ForestMotion, found: ForestSolution) -> list[Scalar]:
+    """Return per closure, and then per coupling, what accelerations leave of its rows, relative to their terms."""
+    gaps, coupled = left_over(motion, found)
+    relative = []
+    for c, gap, (_, b) in zip(motion.closures, gaps, motion.topology.ends, strict=True):
+        size = reduce(maximum, map(abs, [*(c.on_b @ found.beta[b]), *c.r]), 1.0)
+        relative.append(reduce(maximum, map(abs, gap), 0.0) / size)
+    for terms, gap in zip(motion.couplings, coupled, strict=True):
+        size = reduce(maximum, (abs(c * found.qdd[k][component]) for k, component, c in terms), 1.0)
+        relative.append(abs(gap) / size)
+    return relative
 
 
 def forest_positions(forest: Forest, q: ArrayLike) -> Array:
@@ -216,15 +252,11 @@ def _require_satisfied(motion: ForestMotion, found: ForestSolution, rank: int) -
     forest = motion.forest
     if rank == forest.constraint_row_count:
         return
-    gaps, coupled = left_over(motion, found)
-    for i, (closure, c, gap) in enumerate(zip(forest.closures, motion.closures, gaps, strict=True)):
-        size = np.abs(c.on_b @ found.beta[closure.b]).sum() + np.abs(c.r).sum() + 1.0
-        if np.abs(gap).max(initial=0.0) > CONTRADICTION * size:
-            _refuse_singular(forest, rank, closure.name or f"closure {i}")
-    for i, (coupling, gap) in enumerate(zip(forest.couplings, coupled, strict=True)):
-        size = sum(abs(c * found.qdd[k][component]) for k, component, c in coupling.terms) + 1.0
-        if abs(gap) > CONTRADICTION * size:
-            _refuse_singular(forest, rank, coupling.name or f"coupling {i}")
+    names = [closure.name or f"closure {i}" for i, closure in enumerate(forest.closures)]
+    names += [coupling.name or f"coupling {i}" for i, coupling in enumerate(forest.couplings)]
+    for name, left in zip(names, contradictions(motion, found), strict=True):
+        if left > CONTRADICTION:
+            _refuse_singular(forest, rank, name)
 
 
 def _refuse_singular(forest: Forest, rank: int, what: str) -> NoReturn:

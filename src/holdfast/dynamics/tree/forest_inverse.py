@@ -22,6 +22,7 @@ from holdfast.dynamics.tree.forest_dynamics import forest_arguments
 from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, reach, turning, weighed_rows
+from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.dynamics.tree.virtual_power import ForestUnknowns, along_rows, carried, outputs, residual
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -30,6 +31,7 @@ from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
+TRANSMITTED = 1e-9  # largest part of a wanted wrench, relative to it, that its closure does not transmit
 MISSING = 1e-8  # a passive load that is left over, relative to all passive loads, cannot be carried
 
 
@@ -57,6 +59,7 @@ def forest_inverse_dynamics(
     qdd: ArrayLike,
     wrenches: ArrayLike | None = None,
     *,
+    closure_wrench: ArrayLike | None = None,
     check: bool = True,
 ) -> ForestTorques:
     """Return the torques of the drives for given accelerations, and the least forces that carry all passive parts.
@@ -71,17 +74,34 @@ def forest_inverse_dynamics(
         qd: (n_v,) rates.
         qdd: (n_v,) accelerations, the time derivatives of qd, which satisfy the closures.
         wrenches: (bodies, 6) external wrenches about the origins of the bodies' frames; zero by default.
+        closure_wrench: (closures, 6) wanted wrenches of the closures; the forces are then those that are closest to
+            them. Zero by default.
         check: if False, it is not checked whether state and accelerations satisfy closures and couplings.
 
     Raises:
-        StateError: a shape is wrong, the state or the accelerations violate a closure or a coupling, or no forces of
-            closures and couplings can carry a passive part; the message says what is missing.
+        StateError: a shape is wrong, the state or the accelerations violate a closure or a coupling, a wanted wrench is
+            not one of its closure, or no forces of closures and couplings can carry a passive part; the message says
+            what is missing.
     """
     given = forest_arguments(forest, q, qd, wrenches=wrenches)
+    shape = len(forest.closures), 6
+    near = np.zeros(shape) if closure_wrench is None else closure_wrench
+    return torques_for(given, qdd, checks.numbers(near, shape, "closure_wrench", StateError), check)
+
+
+def torques_for(given: ForestArguments, qdd: ArrayLike, near: Array, check: bool) -> ForestTorques:
+    """Return the torques for given accelerations; see `forest_inverse_dynamics`.
+
+    Args:
+        given: the forest's arguments, of which the torques are not used.
+        qdd: (n_v,) accelerations.
+        near: (closures, 6) wanted wrenches.
+        check: whether state and accelerations must satisfy closures and couplings.
+    """
+    forest = given.forest
     wanted = checks.numbers(qdd, (forest.velocity_count,), "qdd", StateError)
-    motion = given.motion({})
-    rates = [wanted[part] for part in forest.velocities]
-    rates = [b.point_acceleration(x) if b.floats else x for b, x in zip(motion.bodies, rates, strict=True)]
+    motion = given._replace(tau=0.0 * given.tau).motion({})
+    rates = _at_points(motion, wanted)
     if check:
         require_closed(motion, given.q, given.qd)
         _require_possible(motion, rates)
@@ -90,9 +110,10 @@ def forest_inverse_dynamics(
     rows = forest_rows(motion)
     weighed = weighed_rows(motion, rows)
     passive = ~driven(forest)
-    load = _least(motion, weighed.E.T[passive], needed[passive])
+    asked = _along(motion, near)
+    load = _least(motion, weighed.E.T[passive], (needed - rows.G.T @ asked)[passive])
     C = block_diagonal(weighed.factors)
-    force = np.linalg.solve(C.T, load) if len(C) else load
+    force = asked + (np.linalg.solve(C.T, load) if len(C) else load)
     left = needed - rows.G.T @ force
     _require_carried(motion, passive, needed, left)
     ends = np.cumsum([len(c.K) for c in motion.closures]).tolist()
@@ -101,6 +122,42 @@ def forest_inverse_dynamics(
     return ForestTorques(
         np.where(passive, 0.0, left), outputs(motion, z, carried(motion, z.rates)).closure_wrench, coupled
     )
+
+
+def smallest_accelerations(motion: ForestMotion, given: Array, free: Array) -> Array:
+    """Return the smallest accelerations of some joints that agree with those of all else, (free,).
+
+    If none do, those that come closest are returned.
+
+    Args:
+        motion: the forest's motion.
+        given: (n_v,) accelerations, zero for these joints.
+        free: (n_v,) mask of these joints.
+    """
+    rates = _at_points(motion, given)
+    closed, coupled = along_rows(motion, rates, carried(motion, rates))
+    left = [c.r - x for c, x in zip(motion.closures, closed, strict=True)]
+    missing = np.concatenate([*left, [r - x for r, x in zip(motion.coupled, coupled, strict=True)]])
+    return np.linalg.pinv(forest_rows(motion).on_qd(motion)[:, free], rcond=NULL_SINGULAR_VALUE) @ missing
+
+
+def _at_points(motion: ForestMotion, qdd: Array) -> list[Array]:
+    """Return accelerations per body, of free bodies those of their mass centres."""
+    rates = [qdd[part] for part in motion.forest.velocities]
+    return [b.point_acceleration(x) if b.floats else x for b, x in zip(motion.bodies, rates, strict=True)]
+
+
+def _along(motion: ForestMotion, near: Array) -> Array:
+    """Return wanted wrenches along the rows of the closures, and zeros for couplings."""
+    parts = [c.K @ f for c, f in zip(motion.closures, near, strict=True)]
+    for i, (c, f, along) in enumerate(zip(motion.closures, near, parts, strict=True)):
+        if not np.abs(f - along @ c.K).max() <= TRANSMITTED * max(1.0, float(np.abs(f).max())):
+            closure = motion.forest.closures[i]
+            raise StateError(
+                f"wrench of {closure.name or f'closure {i}'}: expected one that a {closure.grasp.kind} grasp transmits,"
+                f" got {checks.place(f)}; try {checks.place(along @ c.K)}"
+            )
+    return np.concatenate([*parts, np.zeros(len(motion.coupled))])
 
 
 def driven(forest: Forest) -> Array:
@@ -122,8 +179,10 @@ def _require_possible(motion: ForestMotion, rates: list[Array]) -> None:
     closed, coupled = along_rows(motion, rates, carried(motion, rates))
     limit = VELOCITY_TOLERANCE * max(1.0, *(float(np.abs(x).max()) for x in rates))
     gaps = [float(np.abs(x - c.r).max(initial=0.0)) for x, c in zip(closed, motion.closures, strict=True)]
-    apart = [f"closure {i}: {gap:.3g}" for i, gap in enumerate(gaps) if not gap <= limit]
-    apart += [f"coupling {i}: {abs(x):.3g}" for i, x in enumerate(coupled) if not abs(x) <= limit]
+    names = [closure.name or f"closure {i}" for i, closure in enumerate(motion.forest.closures)]
+    apart = [f"{name}: {gap:.3g}" for name, gap in zip(names, gaps, strict=True) if not gap <= limit]
+    names = [coupling.name or f"coupling {i}" for i, coupling in enumerate(motion.forest.couplings)]
+    apart += [f"{name}: {abs(x):.3g}" for name, x in zip(names, coupled, strict=True) if not abs(x) <= limit]
     if apart:
         raise StateError(
             f"qdd: the accelerations do not satisfy the forest: {', '.join(apart)} (m/s^2, rad/s^2), expected <="

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
-from holdfast.dynamics.tree.forest_derivatives import forest_dynamics_jacobian
+from holdfast.dynamics.tree.forest_derivatives import POSITIONS_RATES_TORQUES, jacobian_of
 from holdfast.dynamics.tree.forest_dynamics import forest_arguments
 from holdfast.dynamics.tree.forest_gaps import velocity_gaps
 from holdfast.dynamics.tree.forest_rows import forest_rows
+from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.model.forest import Forest
 from holdfast.names import called
 from holdfast.spatial.differentiation import linearised
@@ -69,8 +70,12 @@ def forest_linearise(
         StateError: a shape is wrong, or the state violates a closure or a coupling.
         SingularChainError: the posture is singular.
     """
-    found = forest_dynamics_jacobian(forest, q, qd, tau, wrenches, of=("qdd",), check=check)
-    given = forest_arguments(forest, q, qd, tau, wrenches)
+    return linearised_forest(forest_arguments(forest, q, qd, tau, wrenches), check)
+
+
+def linearised_forest(given: ForestArguments, check: bool) -> ForestLinearisation:
+    """Return the linearisation at some arguments; see `forest_linearise`."""
+    found, forest = jacobian_of(given, ("qdd",), POSITIONS_RATES_TORQUES, check), given.forest
     motion, n = given.motion({}), forest.velocity_count
 
     def gaps(dq: Array) -> tuple[Array]:

@@ -9,7 +9,7 @@ body, where its inertia has two blocks. A closure reads K (phi_b^T beta_b - phi_
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -210,7 +210,7 @@ class ForestMotion(NamedTuple):
             coupled: per coupling, the right-hand side.
             torques: per body, (m,) torques, of a free body (6,) a wrench about its mass centre; None for none.
         """
-        bodies = [body.at_rest() for body in self.bodies]
+        bodies = [body and body.at_rest() for body in self.bodies]
         if torques is not None:
             bodies = [
                 body._replace(wrench=torque) if body.floats else body._replace(torque=torque)
@@ -259,6 +259,7 @@ def forest_motion(
     wrenches: Array,
     under: Mapping[int, Carrier] | None = None,
     behind: Mapping[int, Carrier] | None = None,
+    within: Container[int] = (),
 ) -> ForestMotion:
     """Return the motion of all bodies and closures, O(bodies + closures).
 
@@ -270,18 +271,23 @@ def forest_motion(
         wrenches: (bodies, 6) external wrenches about the frames' origins, world axes.
         under: by body on a joint to the world, what it stands on if that moves.
         behind: by closure with the world, what it is fixed to if that moves.
+        within: bodies of limbs, for which, and for whose closures, None is returned.
     """
     world, under, behind = still_world(forest.gravity), under or {}, behind or {}
-    bodies: list[BodyMotion] = []
+    bodies: list[Any] = []
     parts = zip(forest.bodies, forest.positions, forest.velocities, wrenches, strict=True)
     for k, (body, at_q, at_v, wrench) in enumerate(parts):
+        if k in within:
+            bodies.append(None)
+            continue
         parent = under.get(k, world) if body.parent is None else bodies[body.parent].at
         moved = _floating if body.joint.of_kind.floats else _on_joint
         bodies.append(moved(body, parent, q[at_q], qd[at_v], torque[at_v], wrench))
-    closures = [
-        _closure(c, behind.get(i, world) if c.a is None else bodies[c.a].at, bodies[c.b].at)
-        for i, c in enumerate(forest.closures)
-    ]
+    closures: list[Any] = []
+    for i, c in enumerate(forest.closures):
+        a = behind.get(i, world) if c.a is None else bodies[c.a] and bodies[c.a].at
+        b = bodies[c.b] and bodies[c.b].at
+        closures.append(None if a is None or b is None else _closure(c, a, b))
     return ForestMotion(forest, bodies, closures, [0.0 for _ in forest.couplings])
 
 

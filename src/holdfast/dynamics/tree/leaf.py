@@ -139,17 +139,21 @@ def _shifted(l: Array, columns: Array) -> Array:
     return array([shift_twist(l, column) for column in columns.T]).reshape(-1, 6).T
 
 
-def right_hand_side(side: Inward, leaf: LeafMeasurement) -> Array:
-    """Return r of a leaf's measurement, (rows,)."""
+def given_to(side: Inward, leaf: LeafMeasurement) -> tuple[ClosureMotion | None, list[Array], Array | None]:
+    """Return what a right-hand side gives a leaf: its closure, accelerations nu of its joints, and its gap."""
     step = leaf.step
-    if leaf.joints:
-        c, free = side.rhs.closures[step.closure], np.zeros((6, 1))
-        for body, k in zip(leaf.joints, step.joints, strict=True):
-            free = body.carried(free) + (body.motion.H @ side.nu[k])[:, None]
+    closure = side.rhs.closures[step.closure] if leaf.joints else None
+    return closure, [side.nu[k] for k in step.joints if leaf.joints], side.rhs.gaps.get(step.closure)
+
+
+def right_hand_side(leaf: LeafMeasurement, c: ClosureMotion | None, nus: list[Array], gap: Array | None) -> Array:
+    """Return r of a leaf's measurement, (rows,), of what `given_to` returns."""
+    if c is not None:
+        step, free = leaf.step, np.zeros((6, 1))
+        for body, nu in zip(leaf.joints, nus, strict=True):
+            free = body.carried(free) + (body.motion.H @ nu)[:, None]
         still = contact_of(c, step)
         gap = shift_twist(c.l_b if step.is_b else c.l_a, free[:, 0]) + still.g - still.a
-        return seen_along(leaf.contact, leaf.seen, gap)
-    gap = side.rhs.gaps.get(step.closure)
     return leaf.seen.r if gap is None else seen_along(leaf.contact, leaf.seen, gap)
 
 

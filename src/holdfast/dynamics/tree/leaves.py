@@ -30,6 +30,7 @@ from holdfast.dynamics.tree.belief import Belief, rows_of, sizes_of_rows
 from holdfast.dynamics.tree.leaf import (
     LeafMeasurement,
     Noise,
+    given_to,
     independent,
     right_hand_side,
     through_joints,
@@ -110,7 +111,7 @@ def measure_leaves(
     P = now.dense() if summed or ending else now.factors
     x, load = [side.x for side in sides], [side.on_root for side in sides]
     passing, frames = Passing(now.X, P, first, now.N, now.kept, now.weakest, x, load), dict(now.frames)
-    r = [[right_hand_side(side, leaf) for side in sides] for leaf in (*summed, *ending, *others)]
+    r = [[right_hand_side(leaf, *given_to(side, leaf)) for side in sides] for leaf in (*summed, *ending, *others)]
     seen = [_with_columns(leaf.seen, now.width) for leaf in (*summed, *ending)]
     loop = scan if of.apart else _in_turn
     passing, sums = loop(by_sum, passing, seen[: len(summed)], r[: len(summed)])
@@ -189,13 +190,15 @@ def by_rows(
     def include_among(now: Passing, noise: Noise, m: Measurement, sizes: Array, r: list[Array]) -> tuple[Passing, Any]:
         return _by_rows(now, noise, m, r, m.own_sizes() + sizes, np.diag(m.R) + sizes / 3.0, tolerance)
 
-    passing, rows = scan(include_among, passing, noises, [m for m, _ in items], [sizes for _, sizes in items], r)
+    # one or two leaves find zeros in what nothing has measured yet, which a loop would not see
+    loop = scan if of.apart and len(leaves) > 2 else _in_turn
+    passing, rows = loop(include_among, passing, noises, [m for m, _ in items], [sizes for _, sizes in items], r)
     return (_without_world(passing, len(now.X)) if WORLD_FRAME in frames else passing), rows, frames
 
 
 def forward_leaves(side: Inward, step: MeasureLeaves, of: Leaves) -> Kept:
     """Carry another right-hand side through leaves that have been included; return what its way back needs."""
-    r = each(lambda leaf: right_hand_side(side, leaf), of.leaves)
+    r = each(lambda leaf, given: right_hand_side(leaf, *given), of.leaves, [given_to(side, leaf) for leaf in of.leaves])
     (x, load), sums = scan(_passed, (side.x, side.on_root), of.sums, r[: len(of.sums)])
     if of.end:
         w = side.rhs.bodies[step.leaving].wrench

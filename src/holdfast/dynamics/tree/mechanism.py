@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.forest_closing import forest_close
-from holdfast.dynamics.tree.forest_dynamics import FOREST_METHODS, ForestResult, solved_motion
-from holdfast.dynamics.tree.mechanism_motion import chain_state, flat_state, mechanism_motion
+from holdfast.dynamics.tree.forest_dynamics import FOREST_METHODS, ForestResult, solved_forest
+from holdfast.dynamics.tree.mechanism_terms import chain_results, chain_state, flat_state, mechanism_arguments
 from holdfast.errors import ClosureError, MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -127,21 +127,23 @@ def mechanism_dynamics(
         why = f"for serial arms that hold one object, but the chain has {', '.join(chain.beyond_serial[:2])}"
         listed = " or ".join(map(repr, FOREST_METHODS))
         raise MethodNotApplicable(f"{method if isinstance(method, str) else 'a function'}: {why}; try method={listed}")
-    moving = mechanism_motion(chain, state, tau, inputs)
-    _, found = solved_motion(*moving, method, check)
-    first, last = (6 if chain.floats else 0), len(found.qdd) - 6 * len(chain.free_objects)
-    accelerations = found.acceleration[len(found.acceleration) - len(chain.free_objects) :]
+    return mechanism_result(chain, solved_forest(mechanism_arguments(chain, state, tau, inputs), method, check)[2])
+
+
+def mechanism_result(chain: ClosedChain, found: ForestResult) -> MechanismResult:
+    """Return the result of a chain's forest in the chain's terms."""
+    own = {name: part.of(vars(found)) for name, part in chain_results(chain).items()}
     return MechanismResult(
         chain,
-        found.qdd[first:last],
-        accelerations[0] if len(accelerations) == 1 else accelerations,
-        found.closure_wrench,
-        found.coupling_force,
+        own["qdd"],
+        own["object_acceleration"],
+        own["grasp_wrench"],
+        own["coupling_force"],
         found.rank,
         found.mobility,
         found.status,
         found.condition,
         found.method,
         found,
-        found.acceleration[0] if chain.floats else None,
+        own.get("floating_acceleration"),
     )

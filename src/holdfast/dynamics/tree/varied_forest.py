@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.tree.forest_motion import ForestMotion, forest_motion
+from holdfast.dynamics.tree.forest_motion import Carrier, ForestMotion, forest_motion, moving_world
 from holdfast.model.forest import Forest, ForestBody
 from holdfast.questions.case import varied_body
 from holdfast.spatial import rotation
@@ -22,6 +23,24 @@ FOREST_ARGUMENTS = (
 )
 
 
+class MovingBase(NamedTuple):
+    """The prescribed motion of something that stands in the world.
+
+    Attributes:
+        point: (3,) its origin [m].
+        twist: (6,) its twist.
+        acceleration: (6,) its true acceleration.
+    """
+
+    point: Array
+    twist: Array
+    acceleration: Array
+
+    def world(self, gravity: Array) -> Carrier:
+        """Return the world as it moves with it."""
+        return moving_world(self.point, self.twist, self.acceleration - concatenate([np.zeros(3), gravity]))
+
+
 class ForestArguments(NamedTuple):
     """The arguments of `forest_dynamics`, shaped.
 
@@ -29,8 +48,10 @@ class ForestArguments(NamedTuple):
         forest: the forest.
         q: (n_q,) positions with unit quaternions.
         qd: (n_v,) rates.
-        tau: (n_v,) torques, those of dampers not included.
+        tau: (n_v,) torques of drives, without those of dampers and springs in the joints.
         wrenches: (bodies, 6) external wrenches about the origins of the bodies' frames.
+        under: by body on a joint to the world, the base on which it stands, if that moves.
+        behind: by closure with the world, the base to which it is fixed, if that moves.
     """
 
     forest: Forest
@@ -38,6 +59,8 @@ class ForestArguments(NamedTuple):
     qd: Array
     tau: Array
     wrenches: Array
+    under: Mapping[int, MovingBase] = MappingProxyType({})
+    behind: Mapping[int, MovingBase] = MappingProxyType({})
 
     def values(self, names: Sequence[str]) -> dict[str, Array]:
         """Return the named numbers; those of positions and poses are tangents, which are zero."""
@@ -81,7 +104,9 @@ class ForestArguments(NamedTuple):
         qd, tau, wrenches = (
             varied.get(name, own) for name, own in (("qd", self.qd), ("tau", self.tau), ("link_wrench", self.wrenches))
         )
-        return forest_motion(forest, q, qd, tau - damping_torques(forest, qd), wrenches)
+        drives = tau - damping_torques(forest, qd) - spring_torques(forest, q)
+        bases = ({i: base.world(forest.gravity) for i, base in of.items()} for of in (self.under, self.behind))
+        return forest_motion(forest, q, qd, drives, wrenches, *bases)
 
 
 def displaced(forest: Forest, q: Array, step: Array) -> Array:
@@ -132,6 +157,16 @@ def damping_torques(forest: Forest, qd: Array) -> Array:
     """Return damping qd, (n_v,)."""
     parts = [body.joint.damping * qd[at] for body, at in zip(forest.bodies, forest.velocities, strict=True)]
     return concatenate([0.0 * x if len(x) == 6 else x for x in parts])
+
+
+def spring_torques(forest: Forest, q: Array) -> Array:
+    """Return stiffness (q - rest) of the springs in the joints, (n_v,)."""
+    parts = []
+    for body, at_q, at_v in zip(forest.bodies, forest.positions, forest.velocities, strict=True):
+        joint = body.joint
+        stretched = joint.stiffness * (q[at_q] - joint.rest) if joint.stiffness else np.zeros(at_v.stop - at_v.start)
+        parts.append(stretched)
+    return concatenate(parts)
 
 
 def _body(body: ForestBody, k: int, varied: Mapping[str, Array]) -> ForestBody:
