@@ -2,6 +2,7 @@
 
     python -m benchmarks.force_bars
 
+rest    accelerations of redundant joints of objects that stand still
 hand    the Allegro hand holds a ball while its palm turns over (`make robots` fetches its description)
 palm    steps of the torques while a hand turns over
 bends   torques beside their limits while an elbow is straightened
@@ -20,8 +21,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from tests.control.test_timed_path import two_ur5e
 from tests.control.three_pandas import three_pandas
-from tests.control.two_pandas import rubber_pandas
+from tests.control.two_pandas import rubber_pandas, two_pandas
 from tests.systems.as_chain import as_chain
 from tests.systems.special_systems import one_straight_arm_of_three
 
@@ -133,10 +135,17 @@ def turning(chain: hf.ClosedChain, state: hf.State, step: int = 3, **asked: Any)
 def palm() -> Iterator[Bar]:
     """Yield how far torques step while three arms with a ball turn over, 3 degrees at a time."""
     chain, state = three_pandas()
-    step, margin = turning(chain, state, limits=ForceLimits(least_margin=0.5))
+    limits, free = ForceLimits(least_margin=0.5), ForceCost(acceleration=0.01)  # least effort, whatever moves
+    step, margin = turning(chain, state, limits=limits, cost=free)
     yield Bar("palm: largest step of a torque, least effort at 0.5 N margin [limits]", step, 0.02)
     yield Bar("palm: least margin [N]", margin, 0.5 - 1e-6, at_most=False)
-    print(f"      (the torques of the largest margin step by {turning(chain, state, form='margin')[0]:.2f})")
+    held = [hf.holding_torques(turned_over(chain, degrees), state) for degrees in range(0, 181, 3)]
+    gravity = np.abs(np.diff(held, axis=0) / efforts(chain)).max()
+    usual, largest = turning(chain, state, limits=limits)[0], turning(chain, state, form="margin")[0]
+    print(
+        f"      (steps by the usual cost {usual:.3f}, of the torques that only hold {gravity:.3f}, of the largest"
+        f" margin {largest:.2f})"
+    )
 
 
 def nearly_straight(bend: float) -> tuple[hf.ClosedChain, hf.State]:
@@ -152,6 +161,28 @@ def nearly_straight(bend: float) -> tuple[hf.ClosedChain, hf.State]:
 def excess(chain: hf.ClosedChain, found: Distribution) -> float:
     """Return by how much the torques pass their limits, relative to them; negative if they do not."""
     return float((np.abs(found.tau) / efforts(chain)).max()) - 1.0
+
+
+def rest() -> Iterator[Bar]:
+    """Yield how fast redundant joints accelerate where the object stands still, by the usual cost."""
+    grip, plain = ForceLimits(0.8, least_margin=2.0), ForceLimits(0.8)
+    chains = {
+        "two arms, soft fingers": (*rubber_pandas(0.8), grip),
+        "two arms, rigid": (*two_pandas(), plain),
+        "three arms": (*three_pandas(), grip),
+        "two 6-joint arms": (*two_ur5e(), grip),
+        "two arms on a platform": (*wheeled(), plain),
+    }
+    for name, (chain, state, limits) in chains.items():
+        state = state.at_rest()
+        found, free = (
+            distribute(chain, state, limits=limits, cost=ForceCost(acceleration=weight)) for weight in (1.0, 0.01)
+        )
+        used = [np.linalg.norm(one.tau / efforts(chain)) for one in (found, free)]
+        yield Bar(f"rest: {name}: largest joint acceleration [rad/s^2]", float(np.abs(found.qdd).max()), 0.05)
+        print(
+            f"      (with a weight of 0.01: {np.abs(free.qdd).max():.2g} rad/s^2; effort {used[0]:.3f}, {used[1]:.3f})"
+        )
 
 
 def bends() -> Iterator[Bar]:
@@ -224,7 +255,7 @@ def tape() -> Iterator[Bar]:
     chain, state = rubber_pandas(0.8)
     lift = hf.control.RestToRest(state.object_frame, [0, 0, 0.1], duration=STEPS * STEP)
     motion = hf.control.ObjectImpedance(lift, [20.0] * 3 + [300.0] * 3, [8.0] * 3 + [60.0] * 3)
-    limits, cost = ForceLimits(0.335, least_margin=2.0), ForceCost(acceleration=1.0, barrier=1e-5)
+    limits, cost = ForceLimits(0.335, least_margin=2.0), ForceCost(barrier=1e-5)
     rollout = hf.compile_rollout(chain, hf.control.cooperative_law(chain, motion, limits=limits, cost=cost))
     random = np.random.default_rng(0)
     bar, begin = random.normal(size=chain.joint_count), np.repeat([0.05, 0.02], 3) * random.normal(size=6)
@@ -265,7 +296,7 @@ def paths() -> Iterator[Bar]:
 def main() -> int:
     """Print every number beside its bound; return 1 if one is missed."""
     missed = 0
-    for task in (hand, palm, bends, tray, tape, paths):
+    for task in (rest, hand, palm, bends, tray, tape, paths):
         for bar in task():
             print(bar, flush=True)
             missed += not bar.met

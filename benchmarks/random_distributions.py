@@ -33,7 +33,7 @@ from holdfast.questions.derivatives import asked_case
 clarabel: Any = import_module("clarabel") if find_spec("clarabel") else None
 
 FORMS: tuple[Form, ...] = ("effort", "elastic", "margin", "peak", "scale", "violation")
-PRICE = 1e3
+PRICE = ForceCost().price
 CLEAR = 1e-6  # least violations beyond this, in units of F0, leave no doubt
 SOLVED = ("Solved", "PrimalInfeasible", "DualInfeasible")
 

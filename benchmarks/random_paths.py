@@ -32,7 +32,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array, concatenate, maximum, minimum
 
 MARGIN, SHARE, SQUEEZE = 2.0, 0.8, 30.0  # N, of effort limits, N
-TASK, PRICE = 10.0, 1e6  # the price must be large beside TASK^2 times what is missed, or limits are passed to miss less
+TASK = 10.0
 T, DURATION, AFTER = 1e-3, 1.5, 0.3  # s
 FREQUENCY = 15.0  # rad/s, of a critically damped error
 FASTEST = 30.0  # rad/s: a joint that is faster has run away
@@ -89,7 +89,7 @@ class Counts(NamedTuple):
 def law_of(chain: hf.ClosedChain) -> hf.ControlLaw:
     """Return the law."""
     limits = ForceLimits(SHARE, least_margin=MARGIN if holds_by_friction(chain) else None, sample_time=T)
-    cost = ForceCost(wrench=0.1, acceleration=1.0, task=TASK, price=PRICE)
+    cost = ForceCost(wrench=0.1, task=TASK)
     return sampled(
         cooperative_law(chain, DrawnPath(), InternalForce(SQUEEZE), limits=limits, cost=cost), chain, sample_time=T
     )

@@ -330,7 +330,7 @@ def lifted_by_python() -> np.ndarray:
     fast, rollout, s = hf.compile(scene.chain), hf.compile_rollout(scene.chain), scene.state
     systems = rollout.start(s.q, s.qd, s.object_pose, s.object_twist, tau=np.zeros(14))
     resting, start = systems.q[0].copy(), systems.object_pose[0, 4:].copy()
-    usual = {"effort_share": 0.8, "demanded_margin": np.full(2, 2.0), "acceleration_weight": 1.0}
+    usual = {"effort_share": 0.8, "demanded_margin": np.full(2, 2.0)}
     for k in range(1000):
         q, qd, pose, twist = (x[0] for x in (systems.q, systems.qd, systems.object_pose, systems.object_twist))
         x = min(k * SAMPLE / 0.8, 1.0)

@@ -60,7 +60,7 @@ LAWS = {
             InternalForce(20.0),
             PostureControl(STATE.q + 0.1),
             limits=ForceLimits(0.8, most_normal=60.0, sample_time=1e-3),
-            cost=ForceCost(wrench=1.0, acceleration=1.0),
+            cost=ForceCost(wrench=1.0),
         ),
         {},
     ),

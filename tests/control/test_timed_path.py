@@ -17,6 +17,7 @@ from holdfast.forces import ForceLimits, distribute
 from holdfast.model.force_element import EndLoad, ForceElement
 from holdfast.robots import ur5e
 from holdfast.spatial import rotation
+from holdfast.view.figure_style import drawn_text
 from tests.control.two_pandas import rubber_pandas
 from tests.longer import mostly_slow
 
@@ -308,7 +309,7 @@ def test_plot(tmp_path):
     )  # fmt: skip
     first = {next(iter(by)) for by in timed.limited_by if by}
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {f"limited by {name}" for name in first} <= labels or "limited by others" in labels
+    assert {drawn_text(f"limited by {name}") for name in first} <= labels or "limited by others" in labels
     assert (tmp_path / "timing.png").stat().st_size > 10_000
 
 

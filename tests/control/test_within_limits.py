@@ -31,7 +31,7 @@ from tests.control.two_pandas import pushes, rubber_pandas, two_pandas
 from tests.planning.examples import mobile
 
 EFFORT = np.array([joint.effort_limit for joint in CHAIN.all_joints])
-FOLLOWING = ForceCost(wrench=1.0, acceleration=1.0)  # wishes outweigh effort
+FOLLOWING = ForceCost(wrench=1.0)  # wishes outweigh effort
 FAR = ForceLimits(effort=None)
 NOTHING: dict[str, Any] = {"external_wrench": np.zeros(6)}
 
@@ -107,7 +107,7 @@ def test_trunk(weight):
 def test_near_singular_postures(bend):
     """However little elbows are bent, torques keep their limits; the memory says what the object's motion lacks."""
     chain, state = nearly_straight(bend)
-    law = cooperative_law(chain, lift(state), limits=ForceLimits(), cost=ForceCost(acceleration=1.0, task=100.0))
+    law = cooperative_law(chain, lift(state), limits=ForceLimits(), cost=ForceCost(task=100.0))
     tau, (gave_way, missed) = law(0.05, state, None)
     efforts = np.array([joint.effort_limit for joint in chain.all_joints])
     assert (np.abs(tau) / efforts).max() <= 1.0 + 1e-9

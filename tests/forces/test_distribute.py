@@ -151,7 +151,7 @@ def test_prices_are_slopes():
     chain, state = rubber_pandas(0.8)
     margin = 0.9 * distribute(chain, state, form="margin").value
     limits = ForceLimits(least_margin=margin)
-    found, h = distribute(chain, state, limits=limits, form="effort"), 1e-4
+    found, h = distribute(chain, state, cost=same_weights(), limits=limits, form="effort"), 1e-4
     dear = [name for name, price in found.prices.items() if price > 1e-5]
     assert "left friction" in dear and any(name.endswith("effort") for name in dear)
     for name in (name for name in dear if name.endswith("effort")):
@@ -161,7 +161,8 @@ def test_prices_are_slopes():
         ]
         assert (values[0] - values[1]) / (2 * h) == pytest.approx(found.prices[name], rel=1e-4)
     values = [
-        distribute(chain, state, limits=ForceLimits(least_margin=margin + x), form="effort").value for x in (-h, h)
+        distribute(chain, state, cost=same_weights(), limits=ForceLimits(least_margin=margin + x), form="effort").value
+        for x in (-h, h)
     ]
     frictions = [found.prices[f"{arm} {what}"] for arm in chain.grasps for what in ("friction", "pressing")]
     assert (values[1] - values[0]) / (2 * h) == pytest.approx(sum(frictions), rel=1e-4)
@@ -169,7 +170,7 @@ def test_prices_are_slopes():
 
 def same_weights() -> ForceCost:
     """Return the cost with the weights of the Pandas' own limits."""
-    return ForceCost(effort=EFFORTS**-2.0)
+    return ForceCost(effort=EFFORTS**-2.0, acceleration=0.01)
 
 
 def raised(chain, name, step):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 from functools import cache
 
@@ -29,11 +30,13 @@ from tests.capabilities.chains import CHAINS, chain_with
 from tests.codegen import problems as exported
 from tests.codegen import test_export as export
 from tests.control.two_pandas import two_pandas
-from tests.forces.force_cases import Asked, force_cases
+from tests.forces.force_cases import Asked, all_cases, force_cases
 from tests.longer import mostly_long, mostly_slow
 
 NAMES = [*force_cases()]
 APEX, UNLIMITED = "no_weight_apex", "no_effort_limits"
+MANY = (APEX, UNLIMITED, "unfelt_loads")  # multipliers that are not unique, or above the price
+PRICED = [name for name, case in all_cases().items() if case.expected.prices and name not in MANY]
 IN_WORLD = [name for name in CHAINS if "trunk" not in name and "floating" not in name]
 COMPILED = ("two_soft_effort", "two_rigid_tight", "three_mixed_effort", "two_rigid_joint_acceleration_limits")
 
@@ -49,6 +52,11 @@ def case_of(chain: hf.ClosedChain, state: hf.State, acceleration: Array, inputs=
 def asked(*given, **more) -> ElasticDistribution:
     """Return what the text that machine code runs says of floats."""
     return ElasticDistribution(*distributed(case_of(*given, **more)))
+
+
+def numbers(found: ElasticDistribution) -> dict[str, Array]:
+    """Return the arrays of an answer by name."""
+    return {name: x for name, x in found._asdict().items() if x is not None}
 
 
 @cache
@@ -95,6 +103,21 @@ def test_answers_in_50_digits(name):
     # with zero force in its cone, the torques have half the digits of the cost
     bound = 1e-8**0.5 if name == APEX else 1e-5
     assert np.abs((found.tau - expected.tau) / case.efforts).max() < bound
+
+
+@pytest.mark.parametrize("name", PRICED)
+def test_prices_in_50_digits(name):
+    """The multipliers by name, in the file's units, wherever they are unique."""
+    case = all_cases()[name]
+    found = asked(case.chain, case.state, case.acceleration, **case.call).prices(case.chain)
+    expected: dict[str, float] = defaultdict(float)
+    for words, z in case.expected.prices.items():
+        what, _, of = words.rpartition(" of ")
+        expected[f"{of} {what}".replace("normal", "normal force")] += z[0]
+    known = {limit: x for limit, x in expected.items() if x > 1e-5}
+    ours = {limit: x * case.call["force_scale"] for limit, x in found.items()}
+    assert {limit for limit, x in ours.items() if x > 1e-5} == {*known}
+    assert all(ours[limit] == pytest.approx(x, rel=1e-4, abs=1e-5) for limit, x in known.items())
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -199,7 +222,7 @@ def test_singular_postures(turn):
     chain = replace(case.chain, arms={**case.chain.arms, name: replace(arm, joints=joints)})
     wrist[1:4] = [turn, 0.0, 0.0]
     found = asked(chain, replace(case.state, q=wrist), case.arguments[4])
-    assert all(np.isfinite(x).all() for x in found)
+    assert all(np.isfinite(x).all() for x in numbers(found).values())
     assert (found.missed > 0.1) == (turn < 1e-9)
     assert np.abs(found.tau).max() < 1e12
 
@@ -213,19 +236,20 @@ def test_machine_code(name):
     many[0] += 0.05 * random.normal(size=many[0].shape)
     many[4] += random.normal(size=many[4].shape)
     found = code(*many, **case.call)
+    rows = numbers(found)
     for threads in (1, 3):
         again = code(*many, **case.call, threads=threads)
         assert all(np.array_equal(x, y) for x, y in zip(found, again, strict=True))
     for k in (0, 5, 36):
         given = [x[k] for x in many]
         single = code(*given, **case.call)
-        assert all(np.array_equal(x, y[k]) for x, y in zip(single, found, strict=True))
+        assert all(np.array_equal(x, rows[name][k]) for name, x in numbers(single).items())
         own = {name: x.astype(float) for name, x in code.calls.own.items()}
         own |= {name: np.asarray(x, dtype=float) for name, x in case.call.items()}
         schedule = interpret_schedule(
             code.computation.schedule(), own | dict(zip(DISTRIBUTE.inputs, given, strict=True))
         )
-        assert all(np.array_equal(x, schedule[name]) for name, x in single._asdict().items())
+        assert all(np.array_equal(x, schedule[name]) for name, x in numbers(single).items())
         bound = code.bind(**dict(zip(DISTRIBUTE.inputs, map(np.array, given), strict=True)), **case.call)
         assert all(np.array_equal(x, y) for x, y in zip(single, bound(), strict=True))
         state = replace(case.state, q=given[0])

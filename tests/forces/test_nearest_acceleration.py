@@ -39,14 +39,14 @@ def test_the_weight():
     """Where the limits allow it, all that differs from an exact task falls with the square of the weight."""
     chain, state = rubber_pandas(0.8)
     exact = distribute(chain, state, UP)
-    weights = np.array([1.0, 10.0, 100.0, 1e3, 1e4])
+    weights = np.array([10.0, 100.0, 1e3, 1e4])
     found = [distribute(chain, state, UP, cost=ForceCost(task=weight)) for weight in weights]
     for of in (
         [np.linalg.norm(one.object_acceleration - UP) for one in found],
         [np.abs(one.tau - exact.tau).max() for one in found],
         [exact.value - one.value for one in found],
     ):
-        np.testing.assert_allclose(weights**2 * of, of[0], rtol=0.01)
+        np.testing.assert_allclose(weights**2 * of, weights[0] ** 2 * of[0], rtol=0.01)
     heavy = distribute(chain, state, UP, cost=ForceCost(task=1e8))
     np.testing.assert_allclose(heavy.tau, exact.tau, atol=1e-9)
 

@@ -25,7 +25,7 @@ from tests.capabilities.chains import CHAINS, chain_with
 from tests.codegen import problems as exported
 from tests.codegen import test_export as export
 from tests.forces.force_cases import Asked, border_cases
-from tests.forces.test_elastic_distribution import asked, case_of
+from tests.forces.test_elastic_distribution import asked, case_of, numbers
 from tests.longer import mostly_long, mostly_slow
 from tests.systems.anchored import pinned_to_trunk
 from tests.systems.as_chain import Problem
@@ -37,9 +37,8 @@ from tests.systems.trunk_problems import on_trunk
 ON_TRUNK = [name for name in CHAINS if "trunk" in name or "floating" in name]
 TASK = np.diag([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # turns about z are free
 WEIGHT = 100.0
-# Two ball joints: neither torques nor forces feel turns about their line, and the limits conflict. The iterations end
-# where the digits are lost.
-LOST_DIGITS = {"two_ball_tight": 1e-3, "force_along_the_cone": 1e-3}
+# A force along the surfaces of two cones, which conflict by little: the first twelve steps are short.
+LEFT = {"force_along_the_cone": 1e-5}
 
 
 def answered(case: Asked) -> ElasticDistribution:
@@ -58,7 +57,7 @@ def assert_given_back(p: Problem, found: ElasticDistribution) -> None:
 def test_answers_in_50_digits(name):
     """Verdicts, torques to 1e-5 of their limits where they can be kept, and the asked rows; as forward dynamics."""
     case, found, expected = border_cases()[name], answered(border_cases()[name]), border_cases()[name].expected
-    assert found.residual < LOST_DIGITS.get(name, 1e-8)
+    assert found.residual < LEFT.get(name, 1e-8)
     assert_given_back(Problem(case.chain, case.state, found.tau, hf.Inputs()), found)
     assert np.abs(case.rows @ (found.object_acceleration - case.acceleration)).max() < 1e-10
     passed = found.violation > 1e-6 * case.call["force_scale"]
@@ -109,6 +108,8 @@ def test_what_else_a_trunk_carries(kind, seed):
         more = wanted + 1.0 if given else wanted
         found = asked(p.chain, p.state, more, p.inputs, price=1e5, **given)
         expected = distribute(p.chain, p.state, more, cost=cost, inputs=p.inputs)
+        if p.chain.floats:
+            np.testing.assert_allclose(found.floating_acceleration, expected.base_acceleration, atol=1e-6)
         assert found.residual < 1e-8
         assert_given_back(p, found)
         np.testing.assert_allclose(found.tau, expected.tau, atol=1e-6 * np.abs(expected.tau).max())
@@ -123,7 +124,13 @@ def random_question(seed: int) -> tuple[Problem, Array, dict[str, Array], ForceC
     if seed % 3:
         return p, values, {}, ForceCost(), None
     falling = values - np.r_[np.zeros(3), p.chain.gravity]
-    return p, values, {"task_weight": np.array(10.0)}, ForceCost(task=10.0, price=1e3 * (1.0 + falling @ falling)), None
+    return (
+        p,
+        values,
+        {"task_weight": np.array(10.0)},
+        ForceCost(task=10.0, price=1e4 * (1.0 + 0.1 * falling @ falling)),
+        None,
+    )
 
 
 @pytest.mark.parametrize("seed", mostly_long(range(400), range(12)))
@@ -175,14 +182,14 @@ def test_machine_code(name):
     for k in (0, 4, 8):
         given = [x[k] for x in many]
         single = code(*given, **case.call, **base)
-        assert all(np.array_equal(x, y[k]) for x, y in zip(single, found, strict=True))
+        assert all(np.array_equal(x, numbers(found)[name][k]) for name, x in numbers(single).items())
         own = {name: x.astype(float) for name, x in code.calls.own.items()}
         own |= {name: np.asarray(x, dtype=float) for name, x in (case.call | base).items()}
         schedule = interpret_schedule(
             code.computation.schedule(), own | dict(zip(DISTRIBUTE.inputs, given, strict=True))
         )
-        assert all(np.array_equal(x, schedule[name]) for name, x in single._asdict().items())
-        if name in LOST_DIGITS:
+        assert all(np.array_equal(x, schedule[name]) for name, x in numbers(single).items())
+        if name == "force_along_the_cone":
             continue
         text = asked(case.chain, replace(s, q=given[0]), given[4], **case.call)
         # where limits conflict, the price counts a thousand times as much as the torques, whose digits are fewer
@@ -244,7 +251,7 @@ def test_derivatives(kind, given):
 
     def at(far: float) -> dict[str, Array]:
         moved = of.varied({name: of.numbers((name,))[name] + far * x for name, x in along.items()})
-        return dict(zip(DISTRIBUTE.names, distributed(moved, 40), strict=True))
+        return dict(zip(DISTRIBUTE.names_at(p.chain), distributed(moved, 40), strict=True))
 
     names, h = ("tau", "qdd", "object_acceleration", "violation"), 2e-3
     ends = {k: (at(k * h), at(-k * h)) for k in (1, 2)}

@@ -25,6 +25,8 @@ MU = 1e-5
 SMOOTH = ForceCost(barrier=MU)
 SEEDS = mostly_slow(range(12), (0, 4))
 DIFFERENCES = [*mostly_slow((16, 43), ()), *mostly_long(range(300), ())]
+ROWS = np.eye(6)[[0, 2, 3, 4, 5]] + 0.1
+ASKED = [(None, None), (ROWS, None), (None, 10.0)]
 SCATTER = 1e-5  # of differences at two steps, at most
 NINE_POINTS = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 RESULTS = ("tau", "qdd", "grasp_wrench", "violation")
@@ -35,22 +37,26 @@ def problem(seed: int) -> tuple[Problem, Array]:
     return limited_problem(seed, trunks=False), 2.0 * np.random.default_rng([seed, 43]).normal(size=6)
 
 
+@pytest.mark.parametrize(("task", "weight"), ASKED, ids=["all", "rows", "weight"])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_slope_along_every_motion(seed):
+def test_slope_along_every_motion(seed, task, weight):
     """cost + price v + v^2 / 2 - mu log (all slacks) has no slope along the motions of the reference's map.
 
     mu / s loses the digits that s has not: 1e-3 leaves enough of them where limits conflict.
     """
-    (p, wanted), mu, smooth = problem(seed), 1e-3, ForceCost(barrier=1e-3)
-    found = distribute(p.chain, p.state, wanted, cost=smooth, inputs=p.inputs)
-    asked = force_question(p.chain, p.state, wanted, None, smooth, None, p.inputs)
+    (p, wanted), mu, smooth = problem(seed), 1e-3, ForceCost(barrier=1e-3, task=weight)
+    falling = wanted - np.r_[np.zeros(3), p.chain.gravity]
+    price = smooth.price * (1.0 + (0.0 if weight is None else 1e-3 * weight**2 * falling @ falling))
+    wanted = wanted if task is None else task @ wanted
+    found = distribute(p.chain, p.state, wanted, task=task, cost=smooth, inputs=p.inputs)
+    asked = force_question(p.chain, p.state, wanted, task, smooth, None, p.inputs)
     of, size = asked.found, asked.found.force
     v, extra = np.zeros(len(of.v0)), found.violation / size
     v[of.qdd], v[of.alpha] = found.qdd, found.object_acceleration
     for name, contact, part in zip(p.chain.grasps, of.motion.contacts, of.wrenches, strict=True):
         v[part] = contact.K @ found.grasp_wrench[p.chain.names.index(name)]
     np.testing.assert_allclose(of.N @ np.linalg.lstsq(of.N, v - of.v0)[0], v - of.v0, atol=1e-9 * np.abs(v).max())
-    slope, of_v = of.N.T @ (asked.costs.Q.T @ (asked.costs.Q @ v + asked.costs.r)), smooth.price + extra - mu / extra
+    slope, of_v = of.N.T @ (asked.costs.Q.T @ (asked.costs.Q @ v + asked.costs.r)), price + extra - mu / extra
     sizes = np.abs(slope)
     for limit in asked.limits:
         unit = 1.0 / (limit.weight * size)
@@ -59,7 +65,7 @@ def test_slope_along_every_motion(seed):
         slope, of_v = slope + of.N.T @ (unit * limit.G.T @ z), of_v - z[0]
         sizes = np.maximum(sizes, np.abs(of.N.T @ (unit * limit.G.T @ z)))
     assert np.abs(slope).max() < 1e-6 * max(1.0, sizes.max())
-    assert abs(of_v) < 1e-6 * smooth.price
+    assert abs(of_v) < 1e-6 * price
 
 
 def test_further_from_the_least_cost_by_mu():
@@ -134,6 +140,27 @@ def test_differences(seed):
     assert sum(parts) == pytest.approx(forward, rel=0.0, abs=1e-9 * np.abs(parts).sum())
 
 
+@pytest.mark.parametrize(("task", "weight"), ASKED[1:], ids=["rows", "weight"])
+def test_differences_of_what_is_free(task, weight):
+    """Rates along accelerations are differences where only rows S of them are asked, or where they give way.
+
+    Of rows S a = s, it is the smallest a that moves.
+    """
+    p, wanted = problem(4)
+    rows, cost = np.eye(6) if task is None else task, ForceCost(barrier=MU, task=weight)
+    along = np.linalg.pinv(rows) @ rows @ np.array([0.3, -0.2, 0.5, 0.1, 0.4, -0.6])
+
+    def at(h: float) -> Any:
+        return distribute(p.chain, p.state, rows @ (wanted + h * along), task=task, cost=cost, inputs=p.inputs)
+
+    given = {"task": task, "cost": cost, "inputs": p.inputs, "along": {"acceleration": along}}
+    rates = distribute.jvp(p.chain, p.state, rows @ wanted, **given)
+    for name in RESULTS:
+        far = [(w, at(1e-4 * k), at(-1e-4 * k)) for k, w in NINE_POINTS.items()]
+        slope = sum(w * (np.asarray(getattr(a, name)) - getattr(b, name)) for w, a, b in far) / 1e-4
+        np.testing.assert_allclose(slope, rates[name], atol=1e-7 * max(1.0, np.abs(rates[name]).max()), err_msg=name)
+
+
 def test_jacobian():
     """A row of the Jacobian is a gradient, and the answer comes with both."""
     chain, state = two_pandas("softfinger", "rigid")
@@ -150,10 +177,6 @@ def test_refused():
     bars: dict[str, Any] = {"tau": np.ones(14)}
     with pytest.raises(StateError, match=r"distribute\.vjp: barrier: expected one above 0, got 0.*ForceCost\.barrier"):
         distribute.vjp(chain, state, np.zeros(6), **bars)
-    with pytest.raises(MethodNotApplicable, match="distribute: task: expected None with a barrier and for derivatives"):
-        distribute(chain, state, np.zeros(3), task=np.eye(6)[3:], cost=SMOOTH)
-    with pytest.raises(MethodNotApplicable, match="distribute: cost: task: expected None with a barrier"):
-        distribute(chain, state, cost=ForceCost(barrier=MU, task=10.0))
     with pytest.raises(MethodNotApplicable, match="distribute: form: expected 'elastic' with a barrier"):
         distribute(chain, state, form="effort", cost=SMOOTH)
     with pytest.raises(MethodNotApplicable, match="no limit on the change of wrenches"):

@@ -81,7 +81,6 @@ int main()
     std::copy(plant.q().begin(), plant.q().end(), resting.begin());
     plant.step()[0] = sample_time;
     torques.effort_share()[0] = 0.8;
-    torques.acceleration_weight()[0] = 1.0;
     std::fill(torques.demanded_margin().begin(), torques.demanded_margin().end(), 2.0);  // N
     auto next = Clock::now();
     for (int k = 0; k < samples; k++) {

@@ -23,7 +23,6 @@ from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State
 
-CALM = ForceCost(acceleration=1.0)  # redundant joints follow their wish rather than fall where effort is least
 PER_GRASP = ("least_margin", "least_normal", "most_normal")
 
 
@@ -141,7 +140,7 @@ def within_limits(
         if cost is not None:
             raise ModelError(f"{what}: expected limits with a cost, got none; try limits=ForceLimits()")
         return None
-    within = WithinLimits(limits, CALM if cost is None else cost)
+    within = WithinLimits(limits, cost or ForceCost())
     within.require(chain)
     return within
 

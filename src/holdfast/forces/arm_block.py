@@ -133,7 +133,7 @@ def arm_block(common: Weights, arm: ArmMotion, held: Contact | None, column: Blo
         pressing = held.grasp.contact is not None
         low.append(array([maximum(least + margin, margin) if pressing else least + margin]))
         high.append(array([most - margin]))
-        for one in _conditions(held, of.contact):
+        for one in cone_conditions(held, of.contact):
             rows_of = np.concatenate([one.pressing[None], one.loading])
             none = np.zeros((len(rows_of), k)), np.zeros((len(rows_of), s))
             G = -np.concatenate([none[0], (rows_of @ to_contact) * units, none[1]], 1)
@@ -170,7 +170,7 @@ def _in_contact_axes(held: Contact, arm: ArmMotion) -> tuple[Array, Array]:
     return array([unrotate(held.frame, row) for row in held.K]).T, np.zeros(6)
 
 
-def _conditions(held: Contact, contact: Array) -> list[Condition]:
+def cone_conditions(held: Contact, contact: Array) -> list[Condition]:
     """Return the conditions of a grasp that are cones, with the numbers of `contact`; pressing is a bound."""
     grasp, (_, mu, size, moment, force, lever) = held.grasp, contact
     kind, limits = grasp.of_kind, grasp.wrench_limits or WrenchLimits()

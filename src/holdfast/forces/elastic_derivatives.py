@@ -8,10 +8,11 @@ limits, and H = P + G' W^-2 G the matrix that the iterations factorise:
     E dx = de - dE x
     (1 + z_v / v + B' W^-2 B) dv - B' W^-2 G dx = -drho - B' W^-2 (dh - dG x) + (B' s^-1 + 1 / v) dmu
 
-The matrix is symmetric. With (p, n, p_v) its solution for cotangents (x_bar, 0, v_bar), and r = W^-2 (G p - B p_v):
+The matrix is symmetric. With (p, n, p_v) its solution for cotangents (x_bar, 0, v_bar), and
+r = W^-2 (G p - B p_v - z_bar), where the last is a cotangent of the multipliers, which also enters its right side:
 
     P_bar = -p x',   c_bar = -p,   G_bar = -(z p' + r x'),   h_bar = r,   E_bar = -(nu p' + n x'),   e_bar = n,
-    rho_bar = -p_v,   mu_bar = (p_v (B' z + z_v) - p' G' z) / mu
+    rho_bar = -p_v,   mu_bar = (p_v (B' z + z_v) - p' G' z + z_bar' z) / mu
 
 At mu = 0 there is no derivative where a limit becomes active, and elsewhere the last iterate does not have it: it is on
 no central path, and the scaling of an active cone is off by as much as s o z is from a multiple of [1, 0, ..]. What is
@@ -83,7 +84,7 @@ class CentralPointRule(NamedTuple):
     smooth: Scalar
 
     def rates(self, *rates: Any) -> list[Array]:
-        """Return the rates of x of every block, and of v, for rates of the numbers."""
+        """Return the rates of x and of the multipliers of every block, and of v, for rates of the numbers."""
         changes, de, price, barrier = taken(self.blocks, rates)
         share, used, nu = barrier[()] * reciprocal(self.at.v * self.at.z), self.used, self.at.nu
 
@@ -97,13 +98,23 @@ class CentralPointRule(NamedTuple):
         missing = total(of_rows for *_, of_rows in found) - used * de
         of_v = share * self.prices - price[()]
         solved = self.solved([x for x, *_ in found], missing, of_v, [x for _, x, _ in found])
-        return [*(dx for dx, _ in solved.of_blocks), np.asarray(solved.v)]
+        dz = [
+            concatenate([z, [x[0] for x in of_cones]]) + share * at.multipliers
+            for (_, (z, of_cones)), at in zip(solved.of_blocks, self.at.points, strict=True)
+        ]
+        return [*(dx for dx, _ in solved.of_blocks), *dz, np.asarray(solved.v)]
 
     def gradient(self, *cotangents: Any) -> list[Array]:
-        """Return the gradients by the numbers of sum(x_bar . x) + v_bar v."""
-        *of_x, of_v = cotangents
-        still = [(0.0 * at.s, [0.0 * s for s, _ in at.of_cones]) for at in self.at.points]
-        solved = self.solved(of_x, np.zeros(len(self.at.nu)), of_v[()], still)
+        """Return the gradients by the numbers of sum(x_bar . x) + sum(z_bar . multipliers) + v_bar v."""
+        *of_blocks, of_v = cotangents
+        of_x, of_z = of_blocks[: len(self.blocks)], of_blocks[len(self.blocks) :]
+
+        def shift(at: BlockPoint, bar: Array) -> OfLimits:
+            firsts = zip(at.of_cones, bar[len(at.s) :], strict=True)
+            return bar[: len(at.s)], [concatenate([[x], np.zeros(len(s) - 1)]) for (s, _), x in firsts]
+
+        shifts = [shift(at, bar) for at, bar in zip(self.at.points, of_z, strict=True)]
+        solved = self.solved(of_x, np.zeros(len(self.at.nu)), of_v[()], shifts)
         used, nu, n = self.used, self.at.nu, solved.nu
 
         def gradients(block: Block, at: BlockPoint, f: BlockFactors, step: BlockStep) -> tuple[Block, Scalar]:
@@ -115,7 +126,9 @@ class CentralPointRule(NamedTuple):
             return Block(-outer(p, x), -p, R, -r[m:], r[:m], cones, E).with_rows(used), p @ f.pull
 
         found = each(gradients, self.blocks, self.at.points, self.of, solved.of_blocks)
-        barrier = (solved.v * self.prices - total(x for _, x in found)) * reciprocal(self.at.v * self.at.z)
+        by_share = total(bar @ at.multipliers for bar, at in zip(of_z, self.at.points, strict=True))
+        by_share = by_share + solved.v * self.prices - total(x for _, x in found)
+        barrier = by_share * reciprocal(self.at.v * self.at.z)
         return numbers_of([block for block, _ in found], used * n, -solved.v, barrier)
 
     def solved(self, right: Sequence[Array], missing: Array, of_v: Scalar, shifts: Sequence[OfLimits]) -> CentralChange:
@@ -177,7 +190,7 @@ def rule_at(blocks: Sequence[Block], found: Distributed, barrier: Scalar) -> Cen
 def central_point(
     blocks: Sequence[Block], e: Array, price: Scalar, iterations: int = ITERATIONS, barrier: Scalar = 0.0
 ) -> Distributed:
-    """Return what `solve` returns; where numbers of the programme vary, x and v have the derivatives of `rates`.
+    """Return what `solve` returns; where numbers of the programme vary, x, v and multipliers have their derivatives.
 
     Raises:
         MethodNotApplicable: a second derivative is asked.
@@ -195,10 +208,10 @@ def central_point(
         own, rows, cost, mu = taken(blocks, numbers)
         found = solve(own, rows, cost[()], iterations, mu[()])
         at.append(found)
-        return [*found.x, np.asarray(found.v)], rule_at(own, found, mu[()])
+        return [*found.x, *found.multipliers, np.asarray(found.v)], rule_at(own, found, mu[()])
 
     *x, v = by_rule_below(made, *given)
-    return at[0]._replace(x=x, v=v[()])
+    return at[0]._replace(x=x[: len(blocks)], multipliers=x[len(blocks) :], v=v[()])
 
 
 def require_barrier(what: str, given: Mapping[str, Array]) -> None:

@@ -5,7 +5,7 @@
 
 over all accelerations and wrenches that give the object the asked acceleration a, or rows of it, S alpha = S a. With a
 task_weight W, what is asked gives way at the cost 1/2 W^2 |S (alpha - a)|^2, and the price is multiplied by
-1 + (W |S (a - [0; g])| / 10)^2, so that the limits give way last. They do so by v [N]: torques
+1 + (W |S (a - [0; g])|)^2 / 1000, so that the limits give way last. They do so by v [N]: torques
 of turning joints by v L, conditions of grasps and forces of sliding joints by v. L is the rms distance of the contact
 points from their centroid; F0 is the size of the wrench that the object needs, with moments divided by L.
 Limits of joint accelerations give way by 1 rad/s^2 or m/s^2 for each newton.
@@ -24,10 +24,11 @@ from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces.acceleration_map import SMALLEST_FORCE_SCALE, asked_rows
-from holdfast.forces.arm_block import FARTHEST, NO_LIMIT, Weights, arm_answer, arm_block, of_arm, per_torque
-from holdfast.forces.block_columns import NULL_UNIT, BlockColumn, block_column
+from holdfast.forces.arm_block import FARTHEST, NO_LIMIT, OfArm, Weights, arm_answer, arm_block, of_arm, per_torque
+from holdfast.forces.block_columns import BlockColumn, block_column
 from holdfast.forces.elastic_derivatives import central_point, require_barrier
-from holdfast.forces.elastic_programme import ITERATIONS
+from holdfast.forces.elastic_programme import ITERATIONS, Distributed
+from holdfast.forces.limit_prices import GRASP_LIMITS, JOINT_LIMITS, grasp_prices, joint_prices
 from holdfast.forces.limit_rows import acceleration_ranges
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programme_block import Block
@@ -50,6 +51,7 @@ from holdfast.questions.arrays import (
     CONTACTS,
     DISTRIBUTED,
     FLOATING,
+    FLOATING_RESULT,
     LIMITS,
     OBJECT,
     RATE_2,
@@ -69,6 +71,9 @@ from holdfast.spatial.scalar import Array, Scalar, array, clip, concatenate, eac
 from holdfast.spatial.vector import largest
 from holdfast.state import State
 
+TASK_IN_PRICE = 1e-3  # part of the cost of a falling object by which the price is raised
+LEAST_PRICE = 1e-7  # smaller ones, and smaller parts of the largest, are rounding
+
 
 class ElasticDistribution(NamedTuple):
     """Torques, accelerations and wrenches that fit together.
@@ -82,6 +87,11 @@ class ElasticDistribution(NamedTuple):
         missed: largest acceleration of a contact that its arm cannot follow, with turns multiplied by L [m/s^2], or
             largest entry by which an asked acceleration that may give way is missed [rad/s^2 or m/s^2].
         residual: of the optimality conditions, relative.
+        joint_price: (n, 2) decrease of the cost when the limit of a joint's effort, or of its acceleration, is raised
+            by one unit.
+        grasp_price: (arms, 7) the same for the limits of a grasp and 1 N; friction, pressing, edge, force and moment
+            rating, least and most normal force.
+        floating_acceleration: (6,) acceleration of a floating base, world axes; None without one.
     """
 
     tau: Array
@@ -91,6 +101,25 @@ class ElasticDistribution(NamedTuple):
     violation: Array
     missed: Array
     residual: Array
+    joint_price: Array
+    grasp_price: Array
+    floating_acceleration: Array | None = None
+
+    def prices(self, chain: ClosedChain) -> dict[str, Array]:
+        """Return the prices by name of a limit, as `Distribution.prices`, without those that are 0 up to rounding.
+
+        Args:
+            chain: the chain.
+        """
+        kinds = (chain.joint_names(), JOINT_LIMITS, self.joint_price), (chain.names, GRASP_LIMITS, self.grasp_price)
+        found = {
+            f"{name} {what}": x[..., row, k]
+            for names, limits, x in kinds
+            for row, name in enumerate(names)
+            for k, what in enumerate(limits)
+        }
+        least = LEAST_PRICE * max(1.0, *(float(np.max(x)) for x in found.values()))
+        return {name: x for name, x in found.items() if np.max(x) > least}
 
 
 class Programme(NamedTuple):
@@ -102,7 +131,8 @@ class Programme(NamedTuple):
         columns: their columns.
         blocks: their blocks, in units of F0, and then that of what they share, if they share anything.
         e: (rows,) right-hand side of the coupling rows: the wrench that the object needs, and what is shared.
-        force: F0 [N].
+        common: weights and units.
+        of: the limits and wishes of the arms.
         shared: the accelerations that arms share.
         asked: what is asked of trunk and object.
     """
@@ -112,7 +142,8 @@ class Programme(NamedTuple):
     columns: list[BlockColumn]
     blocks: list[Block]
     e: Array
-    force: Scalar
+    common: Weights
+    of: list[OfArm]
     shared: Shared
     asked: Demand
 
@@ -159,7 +190,7 @@ def programme(motion: ChainMotion, own: Numbers) -> Programme:
         columns, joined = joined_columns(shared)
         of_shared = [border_block(shared, asked, joined)]
     blocks = each(lambda *of_arm: arm_block(common, *of_arm), arms, held, columns, of, joined.of_arms)
-    return Programme(arms, held, columns, [*blocks, *of_shared], joined.e, force, shared, asked)
+    return Programme(arms, held, columns, [*blocks, *of_shared], joined.e, common, of, shared, asked)
 
 
 def _asked(chain: ClosedChain, own: Numbers, common: Weights, alpha: Array) -> Demand:
@@ -172,46 +203,77 @@ def _asked(chain: ClosedChain, own: Numbers, common: Weights, alpha: Array) -> D
         ranges = clip(per_force * clip(own[ACCELERATION_LIMITS][:, part], -NO_LIMIT, NO_LIMIT), -FARTHEST, FARTHEST)
     weight = own["effort_weight"][part] * (units * units)
     task = own.get(TASK, np.eye(6)) if TASK in own or TASK_WEIGHT in own else np.zeros((0, 6))
-    task_weight, dearer = None, 1.0
-    if TASK_WEIGHT in own:
-        task_weight, falling = own[TASK_WEIGHT][()], task @ alpha
-        dearer = 1.0 + task_weight * task_weight * (falling @ falling)
+    task_weight = own[TASK_WEIGHT][()] if TASK_WEIGHT in own else None
     wished, slow = own["wished_qdd"][part], common.slow
-    return Demand(units, effort, weight, wished, ranges, per_force, slow, task, task_weight, dearer)
+    return Demand(units, effort, weight, wished, ranges, per_force, slow, task, task_weight, dearer(own, alpha))
+
+
+def dearer(own: Numbers, alpha: Array) -> Scalar:
+    """Return 1 + (W |S alpha|)^2, of an object's acceleration minus [0; g] that gives way; 1 if none does."""
+    if TASK_WEIGHT not in own:
+        return 1.0
+    weight, falling = own[TASK_WEIGHT][()], own.get(TASK, np.eye(6)) @ alpha
+    return 1.0 + weight * weight * (falling @ falling)
+
+
+def raised_price(own: Numbers, dearer: Scalar) -> Scalar:
+    """Return the price of passing limits; see the module's docstring."""
+    price = own["price"][()]
+    return price * (1.0 + TASK_IN_PRICE * (dearer - 1.0)) if TASK_WEIGHT in own else price
 
 
 def distributed(case: VariedCase, iterations: int = ITERATIONS) -> tuple[Array, ...]:
     """Return the results in the order of `ElasticDistribution`."""
     none = np.zeros(case.chain.joint_count)
-    return distribution(chain_motion(case.chain, case.state, none, case.inputs), case.own, iterations)
+    found = distribution(chain_motion(case.chain, case.state, none, case.inputs), case.own, iterations)
+    return tuple(part for part in found if part is not None)
 
 
 def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS) -> ElasticDistribution:
     """Return the torques, accelerations and wrenches; see `programme`."""
     made = programme(motion, own)
-    price, barrier = (own[name][()] for name in ("price", "barrier"))
-    if made.asked.task_weight is not None:
-        price = price * (1.0 + (made.asked.dearer - 1.0) * (1.0 / NULL_UNIT / NULL_UNIT))
+    price, barrier = raised_price(own, made.asked.dearer), own["barrier"][()]
     found = central_point(made.blocks, made.e, price, iterations, barrier)
     arms, shared = len(made.arms), made.shared
     answers = each(arm_answer, made.arms, made.held, made.columns, found.x[:arms])
     tau, qdd, y = [tau for tau, *_ in answers], [qdd for _, qdd, _ in answers], np.zeros(0)
+    floating = None
     acceleration, missed = own["acceleration"], []
     if shared.size:
         drives, y = found.x[arms][: shared.joints], found.x[arms][shared.joints :]
         moving, beyond = (A[:, :-1] @ y + A[:, -1] for A in (shared.own, shared.object))
         tau, qdd = [made.asked.units * drives, *tau], [moving[shared.floating :], *qdd]
         acceleration, missed = acceleration + beyond, [made.asked.task @ beyond]
+        floating = moving[: shared.floating] if shared.floating else None
     missed += [column.missed + column.missed_by @ y if len(y) else column.missed for column in made.columns]
     return ElasticDistribution(
         concatenate(tau),
         concatenate(qdd),
         array([f for *_, f in answers]),
         acceleration,
-        array(made.force * found.v),
+        array(made.common.force * found.v),
         array(largest(concatenate(missed))),
         array(found.residual),
+        *_prices(made, found),
+        floating,
     )
+
+
+def _prices(made: Programme, found: Distributed) -> tuple[Array, Array]:
+    """Return the prices of joints, (n, 2), and of grasps, (arms, 7)."""
+    common, asked, arms = made.common, made.asked, len(made.arms)
+    per_force = reciprocal(common.force)
+
+    def of_arm(arm: ArmMotion, held: Contact | None, of: OfArm, block: Block, z: Array) -> tuple[Array, Array]:
+        per_unit, limited = per_torque(common, arm.arm.joints), of.acceleration.shape[1] > 0
+        return joint_prices(block, z, per_unit, per_force, limited), grasp_prices(block, z, held, of, per_force)
+
+    prices = each(of_arm, made.arms, made.held, made.of, made.blocks[:arms], found.multipliers[:arms])
+    of_joints = [x for x, _ in prices]
+    if made.shared.size:
+        per_unit, limited = reciprocal(asked.units), asked.ranges.shape[1] > 0
+        of_joints.insert(0, joint_prices(made.blocks[-1], found.multipliers[-1], per_unit, per_force, limited))
+    return np.concatenate(of_joints), array([x for _, x in prices])
 
 
 def distribution_parameters(
@@ -284,6 +346,11 @@ DISTRIBUTE = declare(
             Row("missed", (), "m/s^2", "largest acceleration of a contact that its arm cannot follow, or of the object"
                 " that gives way"),
             Row("residual", (), "", "of the optimality conditions, relative"),
+            Row("joint_price", ("n", 2), "", "decrease of the cost per unit by which the limit of a joint's"
+                " effort [N m, N] or acceleration [rad/s^2, m/s^2] is raised", labels=JOINT_LIMITS),
+            Row("grasp_price", ("arms", 7), "1/N", "the same for friction, pressing, edge, force and moment rating,"
+                " least and most normal force of each grasp", labels=GRASP_LIMITS),
+            FLOATING_RESULT,
         ),
         "the torques and grasp wrenches for an acceleration of the object under limits, with the least effort",
         inputs=(*STATE, "acceleration"),
@@ -298,6 +365,7 @@ DISTRIBUTE = declare(
             *(*TRUNK_LINKS, "trunk_link_wrench", *FLOATING, *TRUNK_BASE_MOTION),
         ),
         by=(*STATE, "acceleration"),
+        of=("tau", "qdd", "grasp_wrench", "object_acceleration", "violation"),
         depends_on=("grasps", "links", "forces", "bushings", "limits"),
         differentiable=require_barrier,
         returns="ElasticDistribution",

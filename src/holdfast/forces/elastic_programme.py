@@ -30,6 +30,7 @@ from holdfast.forces.programme_block import (
     BlockFactors,
     BlockPoint,
     Ends,
+    change,
     corrected,
     factorised,
     gradient,
@@ -56,6 +57,7 @@ from holdfast.spatial.scalar import (
     sqrt,
     where,
 )
+from holdfast.spatial.vector import outer
 
 ITERATIONS = 16
 SOLVED = 1e-9  # residual at which the iterate is kept
@@ -64,7 +66,9 @@ LARGEST = 1e100  # step of v that is taken
 SHORT_PREDICTOR = 0.3  # a longest step below which the predictor's second order is trusted in this proportion only
 NULL = 1e-16  # a pivot of the coupling rows that is lost in rounding, relative to its row
 LOST_PIVOT = 1e-13  # of pivots of shared unknowns, relative to their own curvature
-UNFELT = 1e-6  # the smallest pivot of shared unknowns: along some of them, neither costs nor limits feel a step
+# Along some shared unknowns, neither costs nor limits feel a step, and coupling rows alone determine it. There a pivot
+# of rounding is taken as 1, the size of the others: a small one would spoil the digits of those rows.
+UNFELT = 1e-6
 
 
 class Iterate(NamedTuple):
@@ -97,6 +101,7 @@ class Distributed(NamedTuple):
             the coupling rows, and the gap of the objective relative to 1 + rho v.
         last: the point with its multipliers.
         used: (rows,) 1 for the coupling rows that are imposed, 0 for those that depend on others.
+        multipliers: of every block, those of its bounds and the first entries of those of its cones.
     """
 
     x: list[Array]
@@ -104,6 +109,7 @@ class Distributed(NamedTuple):
     residual: Scalar
     last: Iterate
     used: Array
+    multipliers: list[Array]
 
 
 class CoupledRows(NamedTuple):
@@ -130,18 +136,17 @@ class Border(NamedTuple):
     Attributes:
         C: (shared, shared) Cholesky factor of what the blocks leave for the shared unknowns.
         V: (shared, rows + 1) its inverse times what they leave of the columns of multipliers and of v.
-        S: (rows + 1, rows + 1) sum of V' V, also over the blocks.
-        factors: those of its first rows.
-        column: (rows,) the multipliers that v brings with it.
-        pivot: the inverse of what is left for v.
+        by_v: (rows,) what v does to the coupling rows.
+        pivot: the inverse of what is left for v, which is eliminated before the multipliers: where limits leave a
+            direction to v alone, the multipliers by themselves have a pivot there that is lost in rounding.
+        factors: those of what is left for the multipliers.
     """
 
     C: Array
     V: Array
-    S: Array
-    factors: MaskedLDL
-    column: Array
+    by_v: Array
     pivot: Scalar
+    factors: MaskedLDL
 
     def solved(self, sums: Array, missing: Array, of_shared: Array, right: Scalar) -> tuple[Scalar, Array, Array]:
         """Return dv, the multipliers after the step, and the step of the shared unknowns.
@@ -157,9 +162,9 @@ class Border(NamedTuple):
         sums = concatenate([sums[:r], sums[r + k :]])
         if k:
             sums = sums + self.V.T @ half
-        through = ldl_solve(self.factors, sums[:r] + missing)
-        dv = self.pivot * (right - sums[r] + self.S[r, :r] @ through)
-        after = through - dv * self.column
+        own = self.pivot * (right - sums[r])
+        after = ldl_solve(self.factors, sums[:r] + missing - own * self.by_v)
+        dv = own + self.pivot * (self.by_v @ after)
         return dv, after, back_substitution(self.C, half - self.V @ concatenate([after, [dv]]))
 
 
@@ -192,7 +197,8 @@ def solve(
         last.points,
     )
     last = last._replace(points=points)
-    return Distributed([at.x for at in points], last.v, _residual(blocks, e, price, last), last, used)
+    x, multipliers = [at.x for at in points], [at.multipliers for at in points]
+    return Distributed(x, last.v, _residual(blocks, e, price, last), last, used, multipliers)
 
 
 def _start(blocks: Sequence[Block], rows: int, price: Scalar) -> Iterate:
@@ -237,11 +243,13 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
     centre, part = maximum(sigma * gap * (1.0 / degree), coupling.barrier), 1.0 - sigma
 
     # corrector: the predictor aims at mu = 0, and its second order goes with the square of the way to the barrier's mu.
-    # Where the predictor hardly moves, its second order says little: in full, two bounds take turns for ten iterations
+    # Where the predictor hardly moves, that of bounds says little: in full, two of them take turns for ten iterations.
+    # Cones need theirs all the same, or they do
     less = 1.0 - minimum(coupling.barrier * degree * reciprocal(gap), 1.0)
-    second = less * less * where(longest < SHORT_PREDICTOR, longest, 1.0)
-    factor = 1.0 - second * (ratio * (1.0 + ratio)) - centre * product
-    wanted = each(lambda *of_block: right_side(centre, second, *of_block), blocks, points, of, ahead)
+    second = less * less
+    of_bounds = second * where(longest < SHORT_PREDICTOR, longest, 1.0)
+    factor = 1.0 - of_bounds * (ratio * (1.0 + ratio)) - centre * product
+    wanted = each(lambda *of_block: right_side(centre, second, of_bounds, *of_block), blocks, points, of, ahead)
     right = [u.pull - part * (f.gradient + f.pull) for u, f in zip(wanted, of, strict=True)]
     own = v + price - z - total(f.price for f in of)
     of_v = -part * own - z * factor - total(u.price for u in wanted)
@@ -252,7 +260,13 @@ def _advanced(blocks: Sequence[Block], coupling: CoupledRows, at: Iterate) -> It
 
     scaled = maximum(coupling.first * left * reciprocal(1.0 + price), gap * reciprocal(1.0 + price * v))
     solved = where(coupling.barrier > 0.0, 0.0, SOLVED)
-    still = where(maximum(scaled, greatest([abs(missing)])) < solved, 0.0, still)
+    before = greatest([abs(missing)])
+    rest = missing + length * total(block.E @ step.x for block, (step, _) in zip(blocks, found, strict=True))
+    still = where(maximum(scaled, before) < solved, 0.0, still)
+    # nor is a step taken that breaks the rows where the gap has the digits of the cost, whose size may be large
+    cost = total(own.x @ (f.gradient + block.c) for block, own, f in zip(blocks, points, of, strict=True))
+    digits = where(gap < SOLVED * (1.0 + price * v + abs(cost)), 1.0, 0.0)
+    still = where(digits * greatest([abs(rest)]) > maximum(before, SOLVED), 0.0, still)
     still = where(border.factors.kept < len(missing), 0.0, still)  # a pivot is lost in rounding: a step would be noise
     still = where(abs(dv) < LARGEST, still, 0.0)  # nor is a step that is not finite
     moves = still * length > 0.0
@@ -274,6 +288,9 @@ def direction(
 
         H_i dx_i + E_i' nu + H_v dv = right_i,      sum E_i dx_i = -missing,      sum H_v' dx_i + H_vv dv = of_v
 
+    Large entries of H cost the coupling rows their digits, and slacks that are smaller than what is missing then. What
+    is missing is therefore solved for once more.
+
     Args:
         blocks: the blocks.
         of: their factors.
@@ -286,7 +303,12 @@ def direction(
     sums = total(f.V.T @ y for f, y in zip(of, halves, strict=True))
     of_shared = total(b[block.own :] for block, b in zip(blocks, right, strict=True))
     dv, after, shared = border.solved(sums, missing, of_shared, of_v)
-    return each(lambda block, f, y: step_ends(block, f, y, dv, after, shared), blocks, of, halves), dv, after
+    first = each(lambda f, y: change(f, y - f.V @ concatenate([after, shared, [dv]]), shared), of, halves)
+    left = missing + total(block.E @ dx for block, dx in zip(blocks, first, strict=True))
+    v, nu, other = border.solved(np.zeros(len(sums)), left, np.zeros(len(shared)), 0.0)
+    more = each(lambda f: change(f, -(f.V @ concatenate([nu, other, [v]])), other), of)
+    ends = each(lambda block, dx, further: step_ends(block, dx + further, dv + v), blocks, first, more)
+    return ends, dv + v, after + nu
 
 
 def border_of(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Border:
@@ -304,11 +326,10 @@ def border_of(of: Sequence[BlockFactors], stiffness: Scalar, used: Array) -> Bor
     C = cholesky(left[:, rows:-1], UNFELT + LOST_PIVOT * felt)
     V = forward_substitution(C, left[:, kept])
     S = S[np.ix_(kept, kept)] + V.T @ V if len(left) else S
-    own = S[:rows, :rows] + np.diag(1.0 - used)
-    factors = ldl(own, np.diag(own), NULL)
-    column = ldl_solve(factors, S[rows, :rows])
-    of_v = stiffness + total(f.stiffness for f in of) - S[rows, rows] + S[rows, :rows] @ column
-    return Border(C, V, S, factors, column, reciprocal(of_v))
+    by_v = S[rows, :rows]
+    pivot = reciprocal(maximum(stiffness + (total(f.stiffness for f in of) - S[rows, rows]), stiffness))
+    own = S[:rows, :rows] + np.diag(1.0 - used) + outer(pivot * by_v, by_v)
+    return Border(C, V, by_v, pivot, ldl(own, np.diag(own), NULL))
 
 
 def _residual(blocks: Sequence[Block], e: Array, price: Scalar, at: Iterate) -> Scalar:

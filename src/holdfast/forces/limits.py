@@ -98,7 +98,9 @@ class ForceCost(Frozen):
     Attributes:
         effort: (n,) w_j [1/(N m)^2 or 1/N^2]; by default the inverse squares of the effort limits, 1 without one.
         wrench: weight of the grasp wrenches, > 0.
-        acceleration: weight of the joints' accelerations, in units of 10 rad/s^2 or m/s^2, > 0.
+        acceleration: weight of the joints' accelerations, in units of 10 rad/s^2 or m/s^2, > 0. With 1, one joint's
+            1 rad/s^2 costs as much as a tenth of one drive's effort limit: redundant joints keep to what is wished.
+            With little weight they accelerate to where torques are smaller, even if the object stands still.
         wish: (arms, 6) wished wrench of each arm on the object about its contact, contact axes [N m, N]; 0 by default.
         joint_acceleration: (n,) wished accelerations of the joints, for what the object leaves free; 0 by default.
         task: weight of the object's distance from what is asked of it, S alpha = s, which then gives way to the limits,
@@ -111,11 +113,11 @@ class ForceCost(Frozen):
 
     effort: OptionalArrayField = NOT_GIVEN
     wrench: float = 0.01
-    acceleration: float = 0.01
+    acceleration: float = 1.0
     wish: OptionalArrayField = NOT_GIVEN
     joint_acceleration: OptionalArrayField = NOT_GIVEN
     task: float | None = None
-    price: float = 1e3
+    price: float = 1e4
     barrier: float = 0.0
 
     def __post_init__(self) -> None:

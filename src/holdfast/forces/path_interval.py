@@ -4,8 +4,8 @@ With the mean m of s'' and half its change d, a = m + d (2 r - 1) at the share r
 
     b = b_0 + 2 D m r - 2 D d r (1 - r),      b_1 = b_0 + 2 D m.
 
-Limits are convex in (x, a, b), so what holds at both ends holds between them up to the curvature of the limits' rows
-and of b, both of second order in D. Torques at either end use forces x of their own.
+Limits are convex in (x, a, b), so what holds at both ends and in the middle holds between them up to the curvature of
+the limits' rows and of b, both of second order in D. Torques at each of these places use forces x of their own.
 """
 
 from __future__ import annotations
@@ -13,14 +13,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
+from scipy.interpolate import interp1d
 
 from holdfast.forces.limit_rows import Limit
 from holdfast.forces.path_point import NO_COST, PASSED_BETWEEN, PathPoint
 from holdfast.forces.programmes import Solved, answer, posed
 from holdfast.spatial.scalar import Array
 
+IMPOSED = (0, 2, 4)  # of the five places of an interval, those at which limits on forces are imposed
 LATER = "later speed"
 UNEVEN_PRICE = 1e-2  # price of a change of s'' in an interval, relative to what it gains
 LEAST_CONTROL = 0.1  # share of the mean of both ends, below which b's middle control point does not sink
@@ -30,20 +33,20 @@ SLOWEST, LEAST_CHANGE = 0.5, 1e-3  # smallest lambda of a round, and smallest ch
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """The limits of an interval in the unknowns y = (x, x', t, m, d, b) of both ends, where t >= |d|.
+    """The limits of an interval in the unknowns y = (x, .., t, m, d, b), with an x for each of `IMPOSED`, and t >= |d|.
 
     Attributes:
         points: both ends, and the places between them.
         most: (places,) largest b there within rate limits, lowered by as much as it sags between them.
         slower: lambda, by which limits on forces shrink in a and b.
-        rates: (2,) s' at both ends, next to which c is linear in b; 0 for c = 0.
+        rates: s' at `IMPOSED`, next to which c is linear in b; 0 for c = 0.
         tangent: whether c is (rate + b / rate) / 2, which is nearer to sqrt(b), or b / rate, which is right at rest.
     """
 
     points: Sequence[PathPoint]
     most: Array
     slower: float
-    rates: tuple[float, float] = (0.0, 0.0)
+    rates: tuple[float, ...] = (0.0,) * len(IMPOSED)
     tangent: bool = False
 
     @property
@@ -54,12 +57,29 @@ class Interval:
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return self.points[0].free + self.points[-1].free + 4
+        return self.parts[-1].stop + 4
+
+    @property
+    def imposed(self) -> list[PathPoint]:
+        """The places at which limits on forces are imposed, with forces of their own."""
+        return [self.points[k] for k in IMPOSED]
+
+    @property
+    def parts(self) -> list[slice]:
+        """Where y has x of each of these."""
+        ends = np.cumsum([0, *(point.free for point in self.imposed)]).tolist()
+        return [slice(*pair) for pair in pairwise(ends)]
 
     @property
     def force(self) -> float:
-        """The larger F0."""
-        return max(self.points[0].found.force, self.points[-1].found.force)
+        """The largest F0 of these."""
+        return max(point.found.force for point in self.imposed)
+
+    @property
+    def _linear_at(self) -> list[float]:
+        """`rates`, those above 0 raised to a share of the largest: c by b next to almost 0 would bind all others."""
+        least = max(self.rates) / FASTER
+        return [max(rate, least) if rate > 0.0 else 0.0 for rate in self.rates]
 
     def motion(self) -> Array:
         """Return the matrices from (m, d, b) to (a, b) at all places, (places, 2, 3)."""
@@ -70,17 +90,16 @@ class Interval:
 
     @cached_property
     def unit(self) -> float:
-        """The a that takes F0 at one of the ends; without limits on forces, what gives b its largest value."""
+        """The a that takes F0 at one of `IMPOSED`; without limits on forces, what gives b its largest value."""
         of_a = max(
-            (np.abs(one.G[:, -3]).max() / one.weight for k in (0, -1) for one in self.points[k].forces), default=0.0
+            (np.abs(one.G[:, -3]).max() / one.weight for point in self.imposed for one in point.forces), default=0.0
         )
         return self.force / of_a if of_a > 0.0 else float(self.most.min()) / (2.0 * self.width)
 
     def limits(self) -> list[Limit]:
-        """Return the limits on forces at both ends, and those on rates everywhere."""
-        first = self.points[0].free
-        places, motion, found = (slice(0, first), slice(first, self.size - 4)), self.motion(), []
-        for k, x, rate in zip((0, -1), places, self.rates, strict=True):
+        """Return the limits on forces at `IMPOSED`, and those on rates everywhere."""
+        motion, found = self.motion(), []
+        for k, x, rate in zip(IMPOSED, self.parts, self._linear_at, strict=True):
             part = 0.5 if self.tangent else 1.0  # of c, by b; the rest is constant
             by_b = np.array([0.0, part / rate if rate > 0.0 else 0.0])
             for limit in self.points[k].forces:
@@ -110,22 +129,21 @@ class Interval:
         return np.array([point.violation(*one) for point, one in zip(self.points, there.tolist(), strict=True)])
 
     def violations_with(self, x: Array, m: float, d: float, b: float) -> Array:
-        """Return by how much limits on forces are passed at all places with wrenches between those of both ends [N].
+        """Return by how much limits on forces are passed at all places with wrenches between those of `IMPOSED` [N].
 
         Args:
-            x: internal forces at the beginning and at the end.
+            x: internal forces there.
             m: mean of a.
             d: half its change.
             b: at the beginning.
         """
-        there, first, last = self._along(m, d, b), self.points[0], self.points[-1]
-        ends = first.wrenches(x[: first.free], *there[0]), last.wrenches(x[first.free :], *there[-1])
-        shares = np.linspace(0.0, 1.0, len(self.points))
+        there = self._along(m, d, b)
+        known = [
+            point.wrenches(x[part], *there[k]) for point, part, k in zip(self.imposed, self.parts, IMPOSED, strict=True)
+        ]
+        between = interp1d(IMPOSED, known, axis=0)(np.arange(len(self.points)))
         return np.array(
-            [
-                point.violation_with((1.0 - r) * ends[0] + r * ends[1], *one)
-                for point, r, one in zip(self.points, shares, there, strict=True)
-            ]
+            [point.violation_with(f, *one) for point, f, one in zip(self.points, between, there, strict=True)]
         )
 
     def possible_share(self, passed: Array) -> float:
@@ -161,7 +179,7 @@ class Interval:
             bounds.append((-end, 0.0, 2.0 * D * unit))
             if b is None:
                 others.append(m)
-        for at_end, rate in zip((at, 2.0 * D * m + at), self.rates, strict=True):
+        for at_end, rate in zip((at, 2.0 * D * m + at), (self._linear_at[0], self._linear_at[-1]), strict=True):
             if rate > 0.0:
                 bounds.append((at_end, FASTER**2 * rate**2, FASTER**2 * rate**2 / self.force))
         limits += [Limit("", "", "", weight, G[None], np.array([h])) for G, h, weight in bounds]

@@ -1,7 +1,8 @@
 """The fastest timing of a path under limits on forces, by reachability.
 
 Along a path s, with a = s'' and b = s'^2, all accelerations, wrenches and torques are affine in (x, a, b), where x are
-the internal forces. In an interval, a is linear in s. The limits are imposed at both of its ends, each with its own x:
+the internal forces. In an interval, a is linear in s. The limits are imposed at its ends and in its middle, each with
+its own x:
 
     backward  top_i = max b  subject to  (x, a, b) in limits_i, (x', a', b') in limits_i+1, b' <= top_i+1
     forward   b'_i = max b'  subject to  the same at b = b_i,             with b' = b + D (a + a')
@@ -9,7 +10,7 @@ the internal forces. In an interval, a is linear in s. The limits are imposed at
 Where holding is possible, the limits are convex sets in (x, a, b) with a = b = 0 inside, so that every b from 0 to
 top_i can be continued to rest, and a slower motion of the same shape, lambda (a, b) with lambda < 1, is possible, too.
 
-Between the ends limits are passed by their curvature, of second order in D. The least violation v at places
+Between these limits are passed by their curvature, of second order in D. The least violation v at places
 there, with forces of their own, and the bulge between places by second differences, are measured; the interval is then
 halved, or slowed down by the lambda for which v, convex in lambda, is at most minus the bulge.
 
@@ -31,7 +32,7 @@ import numpy as np
 from holdfast.errors import StateError
 from holdfast.forces.certificate import MENTIONED_SHARE
 from holdfast.forces.cone_solver import Verdict
-from holdfast.forces.path_interval import LATER, Interval, durations, peak
+from holdfast.forces.path_interval import IMPOSED, LATER, Interval, durations, peak
 from holdfast.forces.path_point import OF_RATE, PASSED_BETWEEN, PathPoint
 from holdfast.forces.programmes import Solved
 from holdfast.spatial.scalar import Array
@@ -76,7 +77,7 @@ class Profile(NamedTuple):
         motion: (intervals, 2) mean and half the change of s''.
         top: (nodes,) largest b from which the path can be continued to rest.
         limited_by: of each interval, the names of the limits that matter, by their shares.
-        forces: of each interval, internal forces at both ends, where they are known.
+        forces: of each interval, internal forces where limits are imposed, if they are known.
     """
 
     b: Array
@@ -110,7 +111,7 @@ def fastest_timing(point_at: Callable[[float], PathPoint], nodes: Array, damped:
         profile = _reached(parts, largest)
         courses = np.c_[profile.motion, profile.b[:-1]].tolist()
         if damped:
-            rates = [tuple(part.rates_with(*y)[[0, -1]].tolist()) for part, y in zip(parts, courses, strict=True)]
+            rates = [tuple(part.rates_with(*y)[list(IMPOSED)].tolist()) for part, y in zip(parts, courses, strict=True)]
             change = np.abs(np.array(rates) - [part.rates for part in parts]).max() / np.max(rates)
             near = change < NEARLY_KNOWN
             parts = [replace(part, rates=each, tangent=near) for part, each in zip(parts, rates, strict=True)]
@@ -190,10 +191,12 @@ def _lost(parts: Sequence[Interval], profile: Profile, times: Array) -> Array:
 def _halves(point_at: Callable[[float], PathPoint], part: Interval, rates: Array | None) -> list[Interval]:
     """Return both halves of an interval, with s' at its places where forces of dampers depend on it."""
     found, middle = [], len(part.points) // 2
-    for first, last in ((0, middle), (middle, -1)):
-        half = _interval(point_at, part.points[first].u, part.points[last].u)
-        at = (0.0, 0.0) if rates is None else (float(rates[first]), float(rates[last]))
-        found.append(replace(half, rates=at, tangent=part.tangent))
+    for first in (0, middle):
+        half = _interval(point_at, part.points[first].u, part.points[first + middle].u)
+        if rates is not None:  # between its places, in proportion
+            places = first + 0.5 * np.array(IMPOSED)
+            half = replace(half, rates=tuple(np.interp(places, np.arange(len(rates)), rates).tolist()))
+        found.append(replace(half, tangent=part.tangent))
     return found
 
 

@@ -12,6 +12,7 @@ from holdfast.forces.second_order_cone import ConeScaling, cone_scaling, step_ra
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, reciprocal, select
 
+PIVOT_OF_ROUNDING = 3e-16  # relative to its entry, of which large curvatures of other directions were taken off
 Predicted = tuple[Array, list[tuple[Array, Array]], Scalar]  # see `predicted`
 Ends = tuple[Array, Array, list[Array]]  # dx, and ds of bounds and of cones
 
@@ -80,6 +81,11 @@ class BlockPoint(NamedTuple):
     s: Array
     z: Array
     of_cones: tuple[tuple[Array, Array], ...]
+
+    @property
+    def multipliers(self) -> Array:
+        """Those of bounds, and the first entries of those of cones, which are their products with [1, 0, ..]."""
+        return concatenate([self.z, [z[0] for _, z in self.of_cones]])
 
     def moved(self, length: Scalar, by: BlockPoint, moves: Scalar) -> BlockPoint:
         """Return the point moved by a multiple of a step, or itself."""
@@ -174,7 +180,7 @@ def factorised(block: Block, at: BlockPoint) -> BlockFactors:
     H = block.P + (block.R.T * (up + down)) @ block.R + total(G.T @ (W @ G) for G, W in pairs)
     of_v = block.R.T @ (down - up) - total(G.T @ W[0] for G, W in pairs)
     own = block.own
-    C = cholesky(H[:own, :own])
+    C = cholesky(H[:own, :own], PIVOT_OF_ROUNDING * np.diag(H)[:own])
     columns = np.concatenate([block.E, H[own:], [of_v]]).T
     return BlockFactors(
         product,
@@ -192,18 +198,13 @@ def factorised(block: Block, at: BlockPoint) -> BlockFactors:
     )
 
 
-def step_ends(block: Block, f: BlockFactors, half: Array, dv: Scalar, after: Array, shared: Array) -> Ends:
-    """Return dx, and ds of bounds and of cones.
+def change(f: BlockFactors, half: Array, shared: Array) -> Array:
+    """Return dx, (n,), for a half-solved right-hand side (own,) and the step of the shared unknowns."""
+    return concatenate([back_substitution(f.C, half), shared])
 
-    Args:
-        block: the block.
-        f: its factors.
-        half: (own,) its half-solved right-hand side.
-        dv: step of v.
-        after: (rows,) multipliers of the coupling rows after the step.
-        shared: (shared,) step of the shared unknowns.
-    """
-    dx = concatenate([back_substitution(f.C, half - f.V @ concatenate([after, shared, [dv]])), shared])
+
+def step_ends(block: Block, dx: Array, dv: Scalar) -> Ends:
+    """Return dx, and ds of bounds and of cones."""
     along, by_v = block.R @ dx, [-(cone.G @ dx) for cone in block.cones]
     return dx, concatenate([dv - along, dv + along]), [concatenate([[ds[0] + dv], ds[1:]]) for ds in by_v]
 
@@ -225,14 +226,14 @@ def _cone_rates(at: BlockPoint, f: BlockFactors, steps: Iterable[tuple[Array, Ar
 
 
 def right_side(
-    centre: Scalar, second: Scalar, block: Block, at: BlockPoint, f: BlockFactors, ahead: Predicted
+    centre: Scalar, second: Scalar, of_bounds: Scalar, block: Block, at: BlockPoint, f: BlockFactors, ahead: Predicted
 ) -> Wanted:
     """Return the corrector's right-hand side of a block.
 
-    u = z + W^-1 (second W^-1 ds o W dz - centre [1, 0, ..]) / (W z)
+    u = z + W^-1 (second W^-1 ds o W dz - centre [1, 0, ..]) / (W z), with `of_bounds` in place of `second` for bounds.
     """
     ratio, steps, _ = ahead
-    factor = 1.0 - second * (ratio * (1.0 + ratio)) - centre * f.product
+    factor = 1.0 - of_bounds * (ratio * (1.0 + ratio)) - centre * f.product
     pairs = zip(f.scalings, at.of_cones, steps, strict=True)
     of_cones = [z + w.corrected(second * ds, dz, centre) for w, (_, z), (ds, dz) in pairs]
     u = at.z * factor

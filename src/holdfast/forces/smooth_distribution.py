@@ -7,10 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.dynamics.closed.chain_motion import pseudo_gravity
 from holdfast.errors import MethodNotApplicable
-from holdfast.forces.acceleration_map import AccelerationMap
+from holdfast.forces.acceleration_map import AccelerationMap, asked_rows
 from holdfast.forces.cone_solver import Verdict
-from holdfast.forces.elastic_distribution import ElasticDistribution, distributed, distribution_parameters
+from holdfast.forces.elastic_distribution import (
+    ElasticDistribution,
+    dearer,
+    distributed,
+    distribution_parameters,
+    raised_price,
+)
 from holdfast.forces.limit_rows import Limit
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programmes import Costs, Solved
@@ -33,22 +40,20 @@ def smooth_parameters(
 ) -> dict[str, Any]:
     """Return the arrays of the question `distribute`, of the arguments of the function.
 
+    Of a task S alpha = s, the acceleration is the smallest one with S a = s.
+
     Raises:
         MethodNotApplicable: it is asked what machine code is not.
     """
-    given_way = cost is not None and cost.task is not None
-    for wrong, what in (
-        (task is not None, "task: expected None"),
-        (given_way, "cost: task: expected None"),
-        (form != "elastic", "form: expected 'elastic'"),
-    ):
-        if wrong:
-            raise MethodNotApplicable(
-                f"distribute: {what} with a barrier and for derivatives, which are those of an elastic programme that"
-                " keeps all six directions of the acceleration"
-            )
-    asked = np.zeros(6) if acceleration is None else acceleration
-    return {**distribution_parameters(chain, state, limits, cost), "acceleration": asked}
+    if form != "elastic":
+        raise MethodNotApplicable(
+            "distribute: form: expected 'elastic' with a barrier and for derivatives: where limits that do not give way"
+            " conflict, there is no point between them"
+        )
+    asked = np.zeros(6) if acceleration is None else np.asarray(acceleration)
+    if task is not None and acceleration is not None:
+        asked = np.linalg.pinv(asked_rows(task)) @ asked
+    return {**distribution_parameters(chain, state, limits, cost, task), "acceleration": asked}
 
 
 def smooth_solution(case: VariedCase, found: AccelerationMap, limits: Sequence[Limit], of: Costs) -> Solved:
@@ -64,6 +69,7 @@ def smooth_solution(case: VariedCase, found: AccelerationMap, limits: Sequence[L
     lambdas = zip(chain.grasps, found.motion.contacts, strict=True)
     known = np.concatenate([at.qdd, *(c.K @ at.grasp_wrench[chain.names.index(name)] for name, c in lambdas)])
     own = np.r_[found.qdd, found.alpha.stop : len(found.v0)]  # the others follow from these
+    price = raised_price(case.own, dearer(case.own, case.own["acceleration"] - pseudo_gravity(chain)))
     v = found.v0 + found.N @ np.linalg.lstsq(found.N[own], known - found.v0[own])[0]
     size, extra = found.force, float(at.violation) / found.force
     parts = []
@@ -71,5 +77,5 @@ def smooth_solution(case: VariedCase, found: AccelerationMap, limits: Sequence[L
         s = (limit.h - limit.G @ v) / (limit.weight * size)
         parts.append(float(case.own["barrier"]) * cone_inverse(s + extra * np.eye(len(s))[0]))
     left = of.Q @ v + of.r
-    value = 0.5 * float(left @ left) + (float(case.own["price"]) + 0.5 * extra) * extra
+    value = 0.5 * float(left @ left) + (float(price) + 0.5 * extra) * extra
     return Solved(Verdict.OPTIMAL, v, extra, value, parts, 0.0, float(at.residual))

@@ -242,8 +242,8 @@ _ROWS = (
         lambda chain: 0.0),
     _of_model("wrench_weight", (), "", "weight of the wrenches, in units of the force scale", lambda chain: 0.01),
     _of_model("acceleration_weight", (), "", "weight of the joint accelerations, in units of 10 rad/s^2 or m/s^2",
-        lambda chain: 0.01),
-    _of_model("price", (), "", "cost of passing the limits by the force scale", lambda chain: 1e3),
+        lambda chain: 1.0),
+    _of_model("price", (), "", "cost of passing the limits by the force scale", lambda chain: 1e4),
     _of_model("barrier", (), "", "slack times multiplier of every limit at the end, which smooths the answer; 0: none,"
         " and no derivatives",
         lambda chain: 0.0),

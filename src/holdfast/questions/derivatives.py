@@ -138,7 +138,7 @@ def attach(question: Question, function: Asked[..., Any], own: Callable[..., Map
         return function_jvp(question, *case(called), directions)
 
     def jacobian(
-        *given: Any, of: Sequence[str] = question.names, by: Sequence[str] = question.by, **more: Any
+        *given: Any, of: Sequence[str] = question.of or question.names, by: Sequence[str] = question.by, **more: Any
     ) -> Derivatives:
         called = bound_arguments(f"{question.name}.jacobian", signature, given, more)
         return function_jacobian(question, *case(called), of, by)
@@ -224,7 +224,7 @@ def function_vjp(
     """Return the gradients of sum(cotangent . result) by some arguments, at a few times the cost of the function."""
     what = f"{question.name}.vjp"
     cotangents = cotangents or unit_cotangent(question, case.chain)
-    require_names(what, cotangents, question.names)
+    require_names(what, cotangents, question.names_at(case.chain))
     with np.errstate(all="ignore"):
         at = _linear(question, case, by, what)
         checked = {name: checks.numbers(x, at.shapes[name], name, StateError) for name, x in cotangents.items()}
@@ -247,7 +247,7 @@ def function_jvp(question: Question, case: VariedCase, result: Any, along: Mappi
         if isinstance(given, dict):
             return _found(question, what, result, at.rates(given))
         found = [at.rates(one) for one in given]
-    parts = {name: np.reshape([one[name] for one in found], (len(given), *at.shapes[name])) for name in question.names}
+    parts = {name: np.reshape([one[name] for one in found], (len(given), *shape)) for name, shape in at.shapes.items()}
     return _found(question, what, result, parts)
 
 
@@ -256,7 +256,7 @@ def function_jacobian(
 ) -> Derivatives:
     """Return the Jacobian, computed with one gradient per row."""
     what = f"{question.name}.jacobian"
-    require_names(what, of, question.names)
+    require_names(what, of, question.names_at(case.chain))
     parts: dict[tuple[str, str], Array] = {}
     with np.errstate(all="ignore"):
         at, shapes = _linear(question, case, by, what), argument_shapes(case)

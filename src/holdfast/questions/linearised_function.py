@@ -43,9 +43,13 @@ class LinearisedFunction(NamedTuple):
     results: Mapping[str, Array]
 
     @property
+    def _results(self) -> tuple[str, ...]:
+        return self.function.names_at(self.case.chain)
+
+    @property
     def shapes(self) -> dict[str, Shape]:
         """Shapes of the results, by name."""
-        return {name: of.shape for name, of in zip(self.function.names, self.linear.results, strict=True)}
+        return {name: of.shape for name, of in zip(self._results, self.linear.results, strict=True)}
 
     def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
         """Return the gradients of sum(cotangent . result) by argument; for poses with respect to [turn; shift]."""
@@ -64,7 +68,7 @@ class LinearisedFunction(NamedTuple):
             count = entries.stop - entries.start
             if not count:  # an anchor has no torques
                 continue
-            linear, varied = self.linear.of_entries(self.function.names.index(result), entries)
+            linear, varied = self.linear.of_entries(self._results.index(result), entries)
             row = gradient_of(linear)
             rows = each(row, units[:count, :count]) if count > 1 else [row(np.ones(1))]
             found += [self._row(varied, x) for x in rows]
@@ -104,7 +108,7 @@ class LinearisedFunction(NamedTuple):
                 given |= {R: spun @ self.numbers[R], p: tangent[..., 3:]}
             else:
                 given[name] = tangent
-        return dict(zip(self.function.names, self.linear.rates(*given.values()), strict=True))
+        return dict(zip(self._results, self.linear.rates(*given.values()), strict=True))
 
 
 def gradient_of(linear: Linear) -> Callable[[Array], Array]:
@@ -122,7 +126,7 @@ def linearised_function(function: Question, case: VariedCase, by: Sequence[str])
     def of(*given: Array) -> tuple[Any, ...]:
         found = function.compute(function.restricted(case.varied(dict(zip(numbers, given, strict=True)))))
         results.update({name: bare(x) for name, x in zip(function.shapes(case.chain), found, strict=True)})
-        return found[: len(function.names)]
+        return found[: len(function.names_at(case.chain))]
 
     return LinearisedFunction(function, case, names, numbers, linearised(of, *numbers.values()), results)
 

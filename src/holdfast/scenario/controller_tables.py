@@ -38,7 +38,7 @@ class CostTable(KeyTable):
     effort: list[float] | None = None
     wrench: float = 0.01
     acceleration: float = 1.0
-    price: float = 1e3
+    price: float = 1e4
 
 
 class ViaTable(PoseTable, kw_only=True):

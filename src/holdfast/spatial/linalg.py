@@ -161,18 +161,21 @@ def _unit(a: Array) -> Array:
     return a * where(size > 0.0, 1.0 / sqrt(where(size > 0.0, size, 1.0)), 0.0)
 
 
-def cholesky(S: Array, least: Array | None = None) -> Array:
+def cholesky(S: Array, lost: Array | None = None) -> Array:
     """Return the lower triangular C with C C^T = S.
 
     Args:
         S: (n, n) symmetric positive definite, which is not checked.
-        least: (n,) smallest pivots, which take the place of those that are lost in rounding; None for none.
+        lost: (n,) pivots up to which nothing but rounding is left; 1 takes their place, and 0 that of what is below
+            them. None for none.
     """
     n = len(S)
     rest, columns = S, []
     for j in range(n):
-        diagonal = sqrt(rest[0, 0] if least is None else maximum(rest[0, 0], least[j]))
-        below = rest[1:, 0] * reciprocal(diagonal)  # one division a column
+        pivot, alive = rest[0, 0], lost is None or rest[0, 0] > lost[j]
+        diagonal = sqrt(pivot if lost is None else where(alive, pivot, 1.0))
+        inverse = reciprocal(diagonal)  # one division a column
+        below = rest[1:, 0] * (inverse if lost is None else where(alive, inverse, 0.0))
         columns.append(concatenate([np.zeros(j), [diagonal], below]))
         rest = rest[1:, 1:] - outer(below, below)
     return array(columns).reshape(n, n).T
