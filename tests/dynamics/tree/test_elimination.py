@@ -245,7 +245,7 @@ def test_refusals(change, error, message):
 )
 def test_other_questions(ask):
     """What is asked of chains refuses a forest by name."""
-    with pytest.raises(ModelError, match="expected (a )?ClosedChain, got Forest"):
+    with pytest.raises(ModelError, match=r"expected (a )?ClosedChain, got Forest"):
         ask(slider_crank(0.0)[0])
 
 
