@@ -1,9 +1,10 @@
 """Random forests of ten families in six variants: accelerations, forces and ranks against fifty digits.
 
-    python -m benchmarks.random_forests --count 1000 [--first 0]
+    python -m benchmarks.random_forests --count 1000 [--first 0] [--compiled 0]
 
-Every forest is solved by the elimination and by dense equations. Those in singular postures, in which no accelerations
-satisfy the closures, must be refused; whether they are such is found in fifty digits.
+Every forest is solved by the elimination and by dense equations, and the first `--compiled` of them also by machine
+code, which takes seconds to make for each. Those in singular postures, in which no accelerations satisfy the closures, must
+be refused; whether they are such is found in fifty digits.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from tests.oracles.forest_equations import ForestEquations, Truth
 from tests.systems.random_forests import ForestProblem, random_forest
 
+from holdfast.cli.forest_answers import COMPILED, by_machine_code
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.forest_dynamics import ForestResult, forest_dynamics
 from holdfast.errors import SingularChainError
@@ -31,7 +33,7 @@ class Outcome(NamedTuple):
 
     Attributes:
         name: of the forest.
-        method: "sequential" or "kkt".
+        method: "sequential", "kkt" or "compiled".
         error: largest relative error of accelerations and forces; NaN if it was refused.
         beyond: whether it exceeds the bar.
         rank_right: whether the rank is that of fifty digits.
@@ -61,7 +63,7 @@ def outcome(p: ForestProblem, truth: Truth, method: str) -> Outcome:
     over = truth.rank < p.forest.constraint_row_count
     impossible = truth.missed > MISSED * max(1.0, float(np.abs(truth.acceleration).max(initial=0.0)))
     try:
-        found = forest_dynamics(*p[1:], method=method)
+        found = by_machine_code(*p[1:]) if method == COMPILED else forest_dynamics(*p[1:], method=method)
     except SingularChainError:
         return Outcome(p.name, method, np.nan, False, True, impossible, False, over)
     error = largest_error(found, truth)
@@ -70,12 +72,12 @@ def outcome(p: ForestProblem, truth: Truth, method: str) -> Outcome:
     return Outcome(p.name, method, error, beyond, found.rank == truth.rank, not impossible, wrong, over)
 
 
-def outcomes(first: int, count: int) -> Iterator[Outcome]:
-    """Yield how forests are solved, by every method."""
+def outcomes(first: int, count: int, compiled: int = 0) -> Iterator[Outcome]:
+    """Yield how forests are solved, by every method; by machine code only the first `compiled`."""
     for seed in range(first, first + count):
         p = random_forest(seed)
         truth = ForestEquations(*p[1:], digits=50).solved()
-        for method in METHODS:
+        for method in (*METHODS, *([COMPILED] if seed < first + compiled else [])):
             yield outcome(p, truth, method)
 
 
@@ -84,9 +86,10 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--compiled", type=int, default=0)
     given = parser.parse_args()
     found: dict[tuple[str, str], list[Outcome]] = defaultdict(list)
-    for one in outcomes(given.first, given.count):
+    for one in outcomes(given.first, given.count, given.compiled):
         variant = next((name for name in ("light", "heavy") if f"_{name}_" in one.name), "others")
         found[one.method, variant].append(one)
         if one.beyond or not one.rank_right or not one.refusal_right:

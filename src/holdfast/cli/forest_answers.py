@@ -23,6 +23,7 @@ from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.virtual_power import carried
 from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError
 from holdfast.io.forest_case import ForestCase
+from holdfast.model.forest import Forest
 from holdfast.spatial.scalar import Array
 
 COMPILED = "compiled"  # `sequential` as machine code
@@ -126,7 +127,7 @@ def _answer(case: ForestCase, method: str) -> ForestAnswer:
         return ForestAnswer(case, method, reason=f"not_applicable: {method}: {OF_FORESTS}")
     try:
         if method == COMPILED:
-            return ForestAnswer(case, method, _by_machine_code(case))
+            return ForestAnswer(case, method, by_machine_code(case.forest, *given))
         found = forest_dynamics(case.forest, *given, method=method)
     except StateError as cause:
         return ForestAnswer(case, method, reason=f"inconsistent: {cause}")
@@ -137,17 +138,18 @@ def _answer(case: ForestCase, method: str) -> ForestAnswer:
     return ForestAnswer(case, method, found)
 
 
-def _by_machine_code(case: ForestCase) -> ForestResult:
-    """Return the result of machine code, with what it leaves to Python: accelerations of bodies, smallest forces."""
-    forest, given = case.forest, (case.q, case.qd, case.tau, case.wrenches)
-    motion = forest_arguments(forest, *given).motion({})
-    require_closed(motion, case.q, case.qd)
-    compiled = compile(forest, parameters=["link_wrench"])
-    r = compiled.forward_dynamics(*given[:3], link_wrench=case.wrenches)
+def by_machine_code(forest: Forest, q: Array, qd: Array, tau: Array, wrenches: Array) -> ForestResult:
+    """Return the result of machine code, with what it leaves to Python: accelerations of bodies, smallest forces.
+
+    Raises:
+        HoldfastError: `forest_dynamics` raises it for the same arguments.
+    """
+    motion = forest_arguments(forest, q, qd, tau, wrenches).motion({})
+    require_closed(motion, q, qd)
+    r = compile(forest, parameters=["link_wrench"]).forward_dynamics(q, qd, tau, link_wrench=wrenches)
     qdd = [r.qdd[part] for part in forest.velocities]
     rates = [b.point_acceleration(x) if b.floats else x for b, x in zip(motion.bodies, qdd, strict=True)]
     bodies = zip(motion.bodies, carried(motion, rates), strict=True)
     accelerations = [body.true_acceleration(beta, forest.gravity) for body, beta in bodies]
-    return forest_result(
-        motion, qdd, accelerations, [*r.closure_wrench], [*r.coupling_force], r.rank, r.condition, COMPILED
-    )
+    forces = [*r.closure_wrench], [*r.coupling_force]
+    return forest_result(motion, qdd, accelerations, *forces, r.rank, r.condition, COMPILED)
