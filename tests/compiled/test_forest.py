@@ -17,7 +17,7 @@ from tests.systems.random_forests import ForestProblem, random_forest
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(10))
 def test_random_forests(seed):
     """Fifty digits with nothing eliminated: ten families, generic axes and right angles, moving and at rest."""
     p = random_forest(seed)

@@ -48,7 +48,7 @@ def test_every_forest(capsys):
         }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_every_forest_by_machine_code(capsys):
     """All stored forests by `compiled`, to the same bars, with the smallest forces where they are not unique."""

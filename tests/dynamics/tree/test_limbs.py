@@ -52,7 +52,7 @@ def test_humanoid():
 
 def test_what_is_no_limb():
     """Nothing that another closure, a branch or a coupling needs is in a limb, nor a joint of several freedoms."""
-    for seed in range(200):
+    for seed in range(60):
         forest = random_forest(seed).forest
         arms = limb_arms(forest)
         members = [k for one in arms for k in one.joints]
