@@ -3,8 +3,8 @@
     python -m benchmarks.random_forests --count 1000 [--first 0] [--compiled 0]
 
 Every forest is solved by the elimination and by dense equations, and the first `--compiled` of them also by machine
-code, which takes seconds to make for each. Those in singular postures, in which no accelerations satisfy the closures, must
-be refused; whether they are such is found in fifty digits.
+code, which takes seconds to make for each. Those in singular postures, in which no accelerations satisfy the closures,
+must be refused; whether they are such is found in fifty digits.
 """
 
 from __future__ import annotations
