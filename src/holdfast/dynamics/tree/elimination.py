@@ -9,7 +9,9 @@ The factors do not depend on the loads; with them, any right-hand side is solved
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -27,8 +29,12 @@ from holdfast.dynamics.tree.settled import Settling
 from holdfast.dynamics.tree.steps import PartMotion
 from holdfast.model.forest import GROUND
 from holdfast.spatial.linalg import RANK_TOLERANCE
-from holdfast.spatial.scalar import Array, Scalar
+from holdfast.spatial.scalar import Array, Scalar, maximum
+from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.spatial.symmetric import symmetric6
+
+Accelerations = Mapping[int, Array] | Sequence[Array]
+Tips = Mapping[tuple[int, bool], Array]
 
 
 def solved(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
@@ -43,7 +49,7 @@ def solved(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
     """
     factors, (found,) = factorised(motion, plan)
     first = factors.solution(found)
-    (rest,) = solve(factors, [right_hand_side(motion.at_rest_with(*left_over(motion, first)))])
+    (rest,) = solve(factors, [right_hand_side(motion.at_rest_with(*left_over(motion, first.qdd, first.beta)))])
     again = factors.solution(rest)
 
     def both(x: list[Any], y: list[Any]) -> list[Any]:
@@ -57,15 +63,48 @@ def solved(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:
     )
 
 
-def left_over(motion: ForestMotion, found: ForestSolution) -> tuple[list[Array], list[Scalar]]:
-    """Return what accelerations leave of the rows of closures, (rows,) each, and of couplings: r - G qdd."""
-    gaps, coupled = [], []
-    for (a, b), c in zip(motion.topology.ends, motion.closures, strict=True):
-        left = c.r - c.on_b @ found.beta[b]
-        gaps.append(left if a == GROUND else left - c.on_a @ found.beta[a])
-    for terms, r in zip(motion.couplings, motion.coupled, strict=True):
-        coupled.append(r - sum(c * found.qdd[k][component] for k, component, c in terms))
-    return gaps, coupled
+def left_over(
+    motion: ForestMotion, qdd: Accelerations, beta: Accelerations, tips: Tips = MappingProxyType({})
+) -> tuple[list[Array], list[Scalar]]:
+    """Return what accelerations leave of the rows of closures, (rows,) each, and of couplings: r - G qdd.
+
+    Args:
+        motion: the forest's motion.
+        qdd: by body, (m,) joint accelerations.
+        beta: by body, (6,) acceleration that the joints add; none of bodies within limbs.
+        tips: by closure, and whether its body b ends a limb, the acceleration of the limb's tip, (6,).
+    """
+    gaps = []
+    for i, c in enumerate(motion.closures):
+        a, b = (_at_contact(motion, beta, tips, i, is_b=is_b) for is_b in (False, True))
+        gaps.append(c.r - b if motion.topology.ends[i][0] == GROUND else c.r - (b - a))
+    rows = zip(motion.couplings, motion.coupled, strict=True)
+    return gaps, [r - sum(c * qdd[k][component] for k, component, c in terms) for terms, r in rows]
+
+
+def contradictions(
+    motion: ForestMotion, qdd: Accelerations, beta: Accelerations, tips: Tips = MappingProxyType({})
+) -> list[Scalar]:
+    """Return what is left of every closure and then of every coupling, relative to its terms; see `left_over`."""
+    gaps, coupled = left_over(motion, qdd, beta, tips)
+    relative = []
+    for i, (c, gap) in enumerate(zip(motion.closures, gaps, strict=True)):
+        size = reduce(maximum, map(abs, [*_at_contact(motion, beta, tips, i, is_b=True), *c.r]), 1.0)
+        relative.append(reduce(maximum, map(abs, gap), 0.0) / size)
+    for terms, gap in zip(motion.couplings, coupled, strict=True):
+        size = reduce(maximum, (abs(c * qdd[k][component]) for k, component, c in terms), 1.0)
+        relative.append(abs(gap) / size)
+    return relative
+
+
+def _at_contact(motion: ForestMotion, beta: Accelerations, tips: Tips, i: int, *, is_b: bool) -> Array:
+    """Return K phi^T beta of a body of a closure, (rows,), 0 of the world; that of a limb has its free part."""
+    c, k = motion.closures[i], motion.topology.ends[i][is_b]
+    if (i, is_b) in tips:
+        return c.contact.transmitted(tips[i, is_b])
+    if k == GROUND:
+        return np.zeros(len(c.contact.rows))
+    return c.contact.transmitted(shift_twist(c.l_b if is_b else c.l_a, beta[k]))
 
 
 def eliminated(motion: ForestMotion, plan: EliminationPlan) -> ForestSolution:

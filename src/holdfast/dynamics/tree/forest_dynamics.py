@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any, NoReturn
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
 from holdfast.dynamics.result import Status
-from holdfast.dynamics.tree.elimination import ForestSolution, left_over, solved
+from holdfast.dynamics.tree.elimination import ForestSolution, contradictions, solved
 from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_kkt import forest_kkt
 from holdfast.dynamics.tree.forest_motion import ForestMotion
@@ -24,7 +23,7 @@ from holdfast.model import checks
 from holdfast.model.forest import Forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.scalar import Array, Scalar, maximum
+from holdfast.spatial.scalar import Array, Scalar
 
 CONTRADICTION = 1e-8  # relative violation of a closure's acceleration above which no accelerations satisfy it
 
@@ -201,19 +200,6 @@ def true_accelerations(motion: ForestMotion, found: ForestSolution) -> tuple[lis
     ]
 
 
-def contradictions(motion: ForestMotion, found: ForestSolution) -> list[Scalar]:
-    """Return per closure, and then per coupling, what accelerations leave of its rows, relative to their terms."""
-    gaps, coupled = left_over(motion, found)
-    relative = []
-    for c, gap, (_, b) in zip(motion.closures, gaps, motion.topology.ends, strict=True):
-        size = reduce(maximum, map(abs, [*(c.on_b @ found.beta[b]), *c.r]), 1.0)
-        relative.append(reduce(maximum, map(abs, gap), 0.0) / size)
-    for terms, gap in zip(motion.couplings, coupled, strict=True):
-        size = reduce(maximum, (abs(c * found.qdd[k][component]) for k, component, c in terms), 1.0)
-        relative.append(abs(gap) / size)
-    return relative
-
-
 def forest_positions(forest: Forest, q: ArrayLike) -> Array:
     """Return checked positions with unit quaternions.
 
@@ -254,7 +240,7 @@ def _require_satisfied(motion: ForestMotion, found: ForestSolution, rank: int) -
         return
     names = [closure.name or f"closure {i}" for i, closure in enumerate(forest.closures)]
     names += [coupling.name or f"coupling {i}" for i, coupling in enumerate(forest.couplings)]
-    for name, left in zip(names, contradictions(motion, found), strict=True):
+    for name, left in zip(names, contradictions(motion, found.qdd, found.beta), strict=True):
         if left > CONTRADICTION:
             _refuse_singular(forest, rank, name)
 

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, at_rest
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.tip_response import TipResponse, responded, tip_response
-from holdfast.dynamics.tree.elimination import factorised, solve
+from holdfast.dynamics.tree.elimination import Tips, contradictions, factorised, left_over, solve
 from holdfast.dynamics.tree.forest_motion import Carrier, ClosureMotion, ForestMotion, Limb, forest_motion, still_world
 from holdfast.dynamics.tree.order import AddFree, CloseFrame, MeasureLeaves
 from holdfast.dynamics.tree.outward import ForestFactors
@@ -29,7 +28,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.forest import GROUND, Closure, Forest
 from holdfast.model.joint import Joint
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each
 from holdfast.spatial.spatial_vector import shift_twist
 
 
@@ -228,7 +227,7 @@ def solved_with_limbs(limbed: LimbedMotion, plan: EliminationPlan) -> LimbedSolu
         [both.multipliers[i] for i in range(len(motion.couplings))],
         factors.rank,
         factors.weakest,
-        _contradictions(limbed, both),
+        contradictions(motion, both.qdd, both.beta, both.tips),
         concatenate([np.zeros(0), *(one.factors.pivots for one in factors.settled.values() if not one.motion.floats)]),
     )
 
@@ -243,7 +242,8 @@ def _all_in_limbs(plan: EliminationPlan, limbs: Container[int]) -> bool:
 
 def _of_what_is_left(limbed: LimbedMotion, factors: ForestFactors, first: _Accelerations) -> _Accelerations:
     """Return the solution at rest for what accelerations leave of the rows."""
-    (motion, limbs), (gaps, coupled) = limbed, _left_over(limbed, first)
+    motion, limbs = limbed
+    gaps, coupled = left_over(motion, first.qdd, first.beta, first.tips)
     rest = motion.at_rest_with(gaps, coupled)
     of_limbs = {i: (-gaps[i] if m.limb.is_b else gaps[i]) @ m.closure.K for i, m in limbs.items()}
     falling = {k: np.zeros(6) for k, body in enumerate(motion.bodies) if body is not None and body.free is not None}
@@ -253,17 +253,19 @@ def _of_what_is_left(limbed: LimbedMotion, factors: ForestFactors, first: _Accel
 
 
 class _Accelerations(NamedTuple):
-    """Accelerations and forces by body, closure and coupling, and by closure the accelerations of limbs' tips."""
+    """Accelerations and forces by body, closure and coupling, and accelerations of limbs' tips; see `left_over`."""
 
     qdd: Mapping[int, Array]
     beta: Mapping[int, Array]
     wrenches: Mapping[int, Array]
     multipliers: Mapping[int, Scalar]
-    tips: Mapping[int, Array]
+    tips: Tips
 
     def plus(self, other: _Accelerations) -> _Accelerations:
-        pairs = zip(self, other, strict=True)
-        return _Accelerations(*({key: x + more[key] for key, x in own.items()} for own, more in pairs))
+        def summed(own: Mapping[Any, Any], more: Mapping[Any, Any]) -> dict[Any, Any]:
+            return {key: x + more[key] for key, x in own.items()}
+
+        return _Accelerations(*map(summed, self, other))
 
 
 def _accelerations(
@@ -276,7 +278,7 @@ def _accelerations(
     qdd, tips = dict(found.qdd), {}
     for (i, m), (rates, tip) in zip(limbs.items(), moved, strict=True):
         qdd |= {k: rates[j : j + 1] for j, k in enumerate(m.limb.joints)}
-        tips[i] = tip
+        tips[i, m.limb.is_b] = tip
     return _Accelerations(qdd, found.beta, found.wrenches, found.multipliers, tips)
 
 
@@ -291,37 +293,3 @@ def _at_rest(arm: ArmMotion, tip: TipResponse) -> tuple[ArmMotion, TipResponse]:
     still = at_rest(arm)
     assert tip.for_load is not None
     return still, tip.for_load(still)
-
-
-def _left_over(limbed: LimbedMotion, found: _Accelerations) -> tuple[list[Array], list[Scalar]]:
-    """Return what accelerations leave of the rows of closures, (rows,) each, and of couplings; see `left_over`."""
-    motion, gaps = limbed.motion, []
-    for i, c in enumerate(motion.closures):
-        b, a = (_at_contact(limbed, found, i, is_b=is_b) for is_b in (True, False))
-        assert b is not None
-        gaps.append(c.r - b if a is None else c.r - (b - a))
-    pairs = zip(motion.couplings, motion.coupled, strict=True)
-    return gaps, [r - sum(c * found.qdd[k][component] for k, component, c in terms) for terms, r in pairs]
-
-
-def _at_contact(limbed: LimbedMotion, found: _Accelerations, i: int, *, is_b: bool) -> Array | None:
-    """Return K phi^T beta of a body of a closure, (rows,), that of a limb with its free part; None of the world."""
-    c, k = limbed.motion.closures[i], limbed.motion.topology.ends[i][is_b]
-    if i in limbed.limbs and limbed.limbs[i].limb.is_b == is_b:
-        return c.contact.transmitted(found.tips[i])
-    return None if k == GROUND else c.contact.transmitted(shift_twist(c.l_b if is_b else c.l_a, found.beta[k]))
-
-
-def _contradictions(limbed: LimbedMotion, found: _Accelerations) -> list[Scalar]:
-    """Return what is left of every closure and coupling relative to its terms; see `contradictions`."""
-    gaps, coupled = _left_over(limbed, found)
-    relative = []
-    for i, (c, gap) in enumerate(zip(limbed.motion.closures, gaps, strict=True)):
-        of_b = _at_contact(limbed, found, i, is_b=True)
-        assert of_b is not None
-        size = reduce(maximum, map(abs, [*of_b, *c.r]), 1.0)
-        relative.append(reduce(maximum, map(abs, gap), 0.0) / size)
-    for terms, gap in zip(limbed.motion.couplings, coupled, strict=True):
-        size = reduce(maximum, (abs(c * found.qdd[k][component]) for k, component, c in terms), 1.0)
-        relative.append(abs(gap) / size)
-    return relative
