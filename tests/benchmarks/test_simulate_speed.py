@@ -7,7 +7,7 @@ from benchmarks import simulate_speed
 from benchmarks.bench.clock import Effort
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rows(monkeypatch):
     """With few steps, and first runs that were timed before: all is measured, and compared with its bar."""
     monkeypatch.setattr(simulate_speed, "first_runs", lambda count: (0.06, 0.06))

@@ -17,7 +17,7 @@ def rows(text):
     }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_page_has_what_is_measured(monkeypatch, tmp_path):
     """Written into a copy of the page, with fewer steps: the same rows and the same text around them."""
     monkeypatch.setattr(simulation_cost, "STEPS", 2)

@@ -254,7 +254,7 @@ def half_written(folder):
     return sorted(str(path) for path in folder.rglob("*.part"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_refused(made):
     """Exit 2, one line, which is an error of ours; nothing on stdout, no file left."""
     table = list(cases())

@@ -265,7 +265,7 @@ def test_hand_over():
     assert (np.abs(run.tau) <= 0.8 * EFFORT * (1.0 + 1e-9)).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_gradients_without_a_barrier():
     """A rollout of a law within limits says what is missing; with a barrier it has them (`test_force_bars`)."""
     chain, state = two_pandas("ball", "rigid")

@@ -211,7 +211,8 @@ def test_machine_code_refuses_without_a_barrier(name):
     np.testing.assert_array_equal(bound.found.q, expected)
 
 
-@pytest.mark.parametrize("name", mostly_slow(["two_soft_effort", "two_rigid_tight", "one_contact"], []))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", mostly_long(["two_soft_effort", "two_rigid_tight", "one_contact"], ["one_contact"]))
 def test_machine_code(name):
     """Its derivatives are those of the text on floats, single and in a batch."""
     case, code, random = force_cases()[name], fast(name).distribute, np.random.default_rng(4)

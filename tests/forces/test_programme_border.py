@@ -169,7 +169,10 @@ def test_clarabel(name):
     assert costs[0] == pytest.approx(costs[1], rel=1e-7, abs=1e-7)
 
 
-@pytest.mark.parametrize("name", mostly_slow([*border_cases()], ()))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", mostly_long([*border_cases()], ["torso2_rigid", "floating_two_rigid", "two_ball_tight"])
+)
 def test_machine_code(name):
     """Its numbers are those of the text on floats, its bits those of schedule and batches."""
     case, random = border_cases()[name], np.random.default_rng(1)

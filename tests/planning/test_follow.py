@@ -256,7 +256,7 @@ def lone(robot):
     return hf.assemble(arms, TRAY, {"arm": grasp}, object_pose=hf.Pose.translation(0.5, 0, 0.35))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_refusals_are_true():
     """Random paths of one arm: one that is refused has a pose without any configuration within the limits.
 

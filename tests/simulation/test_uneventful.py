@@ -25,7 +25,7 @@ from holdfast.simulation.trajectory import array_names
 from holdfast.simulation.uneventful import uneventful_steps
 from holdfast.simulation.zero_order_hold import AskedOnce
 from holdfast.spatial import scalar
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 from tests.simulation.problems import PROBLEMS
 
 STEP, STEPS = 1e-3, 80
@@ -256,7 +256,9 @@ def test_a_function_is_called_at_the_stages(options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["wrench of time", "wrench of state", "wrench, sampled, delayed"])
+@pytest.mark.parametrize(
+    "name", mostly_long(["wrench of time", "wrench of state", "wrench, sampled, delayed"], ["wrench of state"])
+)
 def test_wrenches_by_functions(name):
     """The motion, its forces and its balances are those that the reference finds; the function is called at stages."""
     run, _ = RUNS[name]
