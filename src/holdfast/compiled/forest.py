@@ -15,7 +15,15 @@ from holdfast.compiled.calls import Calls
 from holdfast.compiled.computation import Computation
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.result import INDETERMINATE, OK, SINGULAR, SolvedResults
-from holdfast.compiled.traced_chain import Given, constant_arm, constant_link, constant_pose, externals, traced
+from holdfast.compiled.traced_chain import (
+    Given,
+    constant_arm,
+    constant_link,
+    constant_pose,
+    externals,
+    quaternion_length,
+    traced,
+)
 from holdfast.compiler.constant import Constant, constants
 from holdfast.compiler.schedule import FIRST_BAD, Schedule
 from holdfast.dynamics.closed.tip_response import if_regular
@@ -24,13 +32,12 @@ from holdfast.dynamics.tree.limbs import limb_arms, limbed_motion, solved_with_l
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.tree.varied_forest import damping_torques, spring_torques
 from holdfast.errors import StateError
-from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.forest import Forest, ForestBody
 from holdfast.names import called
 from holdfast.progress import busy
 from holdfast.spatial.frozen import changed
-from holdfast.spatial.scalar import Array, array, concatenate, maximum, sqrt, where
+from holdfast.spatial.scalar import Array, array, concatenate, maximum, where
 
 if TYPE_CHECKING:
     from holdfast.compiled.function import Function
@@ -246,8 +253,6 @@ def _unit_quaternions(forest: Forest, q: Array) -> Array:
     for body, at in zip(forest.bodies, forest.positions, strict=True):
         own = q[at]
         if body.joint.of_kind.pose:
-            length = sqrt(sum(x * x for x in own[:4]))
-            length = where(abs(length - 1.0) <= ROTATION_TOLERANCE, length, float("nan"))
-            own = concatenate([own[:4] / length, own[4:]])
+            own = concatenate([own[:4] / quaternion_length(own[:4]), own[4:]])
         parts.append(own)
     return concatenate(parts)

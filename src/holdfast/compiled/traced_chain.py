@@ -130,11 +130,16 @@ def unit_pose(wxyz_xyz: Array, unused: Iterable[Scalar]) -> Pose:
     It is also NaN if the origin or any of the `unused` numbers is not finite, because results that do not depend on
     them would not show the error.
     """
-    length = sqrt(wxyz_xyz[:4] @ wxyz_xyz[:4])
-    length = where(abs(length - 1.0) <= ROTATION_TOLERANCE, length, float("nan"))
+    length = quaternion_length(wxyz_xyz[:4])
     for x in (*wxyz_xyz[4:], *unused):
         length = where(abs(x) < float("inf"), length, float("nan"))
     return Pose.unchecked(rotation.from_quaternion(wxyz_xyz[:4] / length), wxyz_xyz[4:])
+
+
+def quaternion_length(wxyz: Array) -> Scalar:
+    """Return the length of a quaternion; NaN if it is not 1 within 1e-6."""
+    length = sqrt(sum(x * x for x in wxyz))
+    return where(abs(length - 1.0) <= ROTATION_TOLERANCE, length, float("nan"))
 
 
 def traced_inputs(chain: ClosedChain, given: Given) -> Inputs:

@@ -18,12 +18,12 @@ from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, at_rest
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.tip_response import TipResponse, responded, tip_response
-from holdfast.dynamics.tree.elimination import Tips, contradictions, factorised, left_over, solve
+from holdfast.dynamics.tree.elimination import Tips, contradictions, factorised, left_over, right_hand_side, solve
 from holdfast.dynamics.tree.forest_motion import Carrier, ClosureMotion, ForestMotion, Limb, forest_motion, still_world
 from holdfast.dynamics.tree.order import AddFree, CloseFrame, MeasureLeaves
 from holdfast.dynamics.tree.outward import ForestFactors
 from holdfast.dynamics.tree.plan import EliminationPlan, plan_of
-from holdfast.dynamics.tree.right_hand_sides import ForestLoads, Outward
+from holdfast.dynamics.tree.right_hand_sides import Outward
 from holdfast.model.arm import Arm
 from holdfast.model.forest import GROUND, Closure, Forest
 from holdfast.model.joint import Joint
@@ -246,8 +246,7 @@ def _of_what_is_left(limbed: LimbedMotion, factors: ForestFactors, first: _Accel
     gaps, coupled = left_over(motion, first.qdd, first.beta, first.tips)
     rest = motion.at_rest_with(gaps, coupled)
     of_limbs = {i: (-gaps[i] if m.limb.is_b else gaps[i]) @ m.closure.K for i, m in limbs.items()}
-    falling = {k: np.zeros(6) for k, body in enumerate(motion.bodies) if body is not None and body.free is not None}
-    (again,) = solve(factors, [ForestLoads(rest.bodies, falling, rest.closures, coupled, (), of_limbs)])
+    (again,) = solve(factors, [right_hand_side(rest)._replace(limbs=(), gaps=of_limbs)])
     still = each(_at_rest, [m.arm for m in limbs.values()], [m.tip for m in limbs.values()])
     return _accelerations(again, limbs, still)
 
