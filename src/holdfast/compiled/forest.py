@@ -28,7 +28,7 @@ from holdfast.compiler.constant import Constant, constants
 from holdfast.compiler.schedule import FIRST_BAD, Schedule
 from holdfast.dynamics.closed.tip_response import if_regular
 from holdfast.dynamics.tree.forest_dynamics import CONTRADICTION, ForestResult, forest_dynamics
-from holdfast.dynamics.tree.limbs import limb_arms, limbed_motion, solved_with_limbs
+from holdfast.dynamics.tree.limbs import LimbArm, limb_arms, limbed_motion, solved_with_limbs
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.tree.varied_forest import damping_torques, spring_torques
 from holdfast.errors import StateError
@@ -170,7 +170,7 @@ class CompiledForest:
 
     def schedule(self) -> Schedule:
         """Return the schedule, made by tracing the reference's functions."""
-        return traced(self.externals, lambda given: _outputs(self.forest, given), "status", _SOLUTION)
+        return traced(self.externals, lambda given: forward_outputs(self.forest, given), "status", _SOLUTION)
 
     def results(self, batch: int | None) -> CompiledForestResult:
         """Return new memory for the results of one system, or of a batch."""
@@ -207,10 +207,10 @@ class CompiledForest:
         raise StateError(f"q: expected angles of at most {arrays.LARGEST_ARGUMENT:g} rad, got {worst:.6g}")
 
 
-def _outputs(forest: Forest, given: Given) -> dict[str, Any]:
+def forward_outputs(forest: Forest, given: Given) -> dict[str, Any]:
     """Return the outputs of forward dynamics by running the reference's functions on traced arrays."""
-    made, qd, plan = _with_constants(forest), given["qd"], plan_of(forest.topology)
-    arms = [one._replace(arm=constant_arm(one.arm), base=constant_pose(one.base)) for one in limb_arms(forest)]
+    made, qd, plan = with_constants(forest), given["qd"], plan_of(forest.topology)
+    arms = with_constant_arms(forest)
     torque = given["tau"] - damping_torques(made, qd) - spring_torques(made, given["q"])
     limbed = limbed_motion(made, arms, _unit_quaternions(forest, given["q"]), qd, torque, given.get("link_wrench"))
     found = solved_with_limbs(limbed, plan)
@@ -226,7 +226,12 @@ def _outputs(forest: Forest, given: Given) -> dict[str, Any]:
     }
 
 
-def _with_constants(forest: Forest) -> Forest:
+def with_constant_arms(forest: Forest) -> list[LimbArm]:
+    """Return the limbs of a forest with their fixed numbers as `Constant`."""
+    return [one._replace(arm=constant_arm(one.arm), base=constant_pose(one.base)) for one in limb_arms(forest)]
+
+
+def with_constants(forest: Forest) -> Forest:
     """Return the forest with its fixed numbers as `Constant`, so that no BLAS computes their products."""
     closures = [
         changed(c, tip=constant_pose(c.tip), grasp=c.grasp.standing_at(constant_pose(c.grasp.frame)))

@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.forest_engine import CompiledForestEngine
 from holdfast.control.controller import torques_and_memory
-from holdfast.dynamics.tree.forest_balance import balance_of
-from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
-from holdfast.dynamics.tree.forest_simulate import ForestSample, forest_steps
-from holdfast.dynamics.tree.mechanism import mechanism_result
+from holdfast.dynamics.tree.forest_simulate import ForestEngine, ForestReference, ForestSample, forest_steps
 from holdfast.dynamics.tree.mechanism_terms import chain_state, flat_state, joint_rows, mechanism_arguments
 from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.errors import ClosureError, MethodNotApplicable, SingularChainError, StateError
@@ -22,6 +20,7 @@ from holdfast.simulation.balance import imbalance
 from holdfast.simulation.environment import Environment, require_wrenches
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.margins import Policy
+from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, require_state
@@ -112,11 +111,14 @@ def mechanism_run(
     require_state(chain, state)
     acting = _Acting(chain, controller, inputs)
     rows, stopped = [], None
-    steps = forest_steps(chain.as_forest.forest, *flat_state(chain, state), acting, times)
+    forest = chain.as_forest.forest
+    by_code = len(times) > STEPS_WORTH_COMPILING
+    engine: ForestEngine = CompiledForestEngine(forest) if by_code else ForestReference(forest)
+    steps = forest_steps(engine, forest, *flat_state(chain, state), acting, times)
     try:
         for k, sample in enumerate(steps):
             if k % every == 0 or k + 1 == len(times):
-                rows.append(_row(chain, sample, acting.tau))
+                rows.append(_row(chain, engine, sample, acting.tau))
     except (SingularChainError, ClosureError) as cause:
         if not rows:
             raise
@@ -152,16 +154,14 @@ class _Acting:
         return given._replace(tau=net)
 
 
-def _row(chain: ClosedChain, sample: ForestSample, tau: Array) -> tuple[Any, ...]:
+def _row(chain: ClosedChain, engine: ForestEngine, sample: ForestSample, tau: Array) -> tuple[Any, ...]:
     """Return the entries of a sample in the order of `MechanismRun`."""
-    given, motion = sample.stage.given, sample.stage.motion
-    state, result = chain_state(chain, given.q, given.qd), mechanism_result(chain, sample.stage.result)
-    energies = balance_of(given, None)
+    given, state = sample.given, chain_state(chain, sample.given.q, sample.given.qd)
+    found = engine.account(given, sample.now)
     return (
         *(sample.t, state.q, state.qd, state.object_pose, state.object_twist, state.base_pose, state.base_twist),
-        *(tau, result.qdd, result.grasp_wrench, result.coupling_force),
-        *(position_gaps(motion, given.q).largest, velocity_gaps(motion, given.qd).largest, sample.drift),
-        *(energies.kinetic_energy, energies.potential_energy, sample.work),
+        *(tau, sample.now.qdd[joint_rows(chain)], found.closure_wrench, found.coupling_force),
+        *(found.position_gap, found.velocity_gap, sample.drift, found.kinetic, found.potential, sample.work),
     )
 
 

@@ -76,10 +76,9 @@ def forest_balance(
 def balance_of(given: ForestArguments, about: ArrayLike | None) -> ForestBalance:
     """Return energies, momentum and power of a forest; see `forest_balance`."""
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
-    forest, motion = given.forest, given.motion({})
+    motion = given.motion({})
     mass, moment = mass_moment(motion)
-    potential = elastic_energy(forest, given.q) - forest.gravity @ moment
-    numbers = [kinetic_energy(motion, given.qd), potential, *power_into(given, motion)]
+    numbers = [kinetic_energy(motion, given.qd), potential_energy(motion, given.q), *power_into(given, motion)]
     checks.finite(np.array(numbers), "the balance of the forest")
     return ForestBalance(
         float(numbers[0]),
@@ -104,6 +103,11 @@ def elastic_energy(forest: Forest, q: Array) -> Scalar:
     """Return the energy of the springs in the joints [J]."""
     joints = [(body.joint, at.start) for body, at in zip(forest.bodies, forest.positions, strict=True)]
     return sum(0.5 * joint.stiffness * (q[at] - joint.rest) ** 2 for joint, at in joints if joint.stiffness)
+
+
+def potential_energy(motion: ForestMotion, q: Array) -> Scalar:
+    """Return the potential energy of gravity and of the springs in the joints [J]."""
+    return elastic_energy(motion.forest, q) - motion.forest.gravity @ mass_moment(motion)[1]
 
 
 def momentum(motion: ForestMotion, about: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from holdfast.dynamics.consistency import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.errors import StateError
-from holdfast.spatial.scalar import Array, Scalar
+from holdfast.spatial.scalar import Array, Scalar, maximum
 
 
 class ForestGaps(NamedTuple):
@@ -29,9 +30,9 @@ class ForestGaps(NamedTuple):
         return float(np.linalg.norm(np.concatenate([*self.closures, self.couplings])))
 
     @property
-    def largest(self) -> float:
+    def largest(self) -> Scalar:
         """The largest of them; 0 without closures and couplings."""
-        return max((float(np.abs(x).max(initial=0.0)) for x in (*self.closures, *self.couplings)), default=0.0)
+        return reduce(maximum, map(abs, [x for gap in self.closures for x in gap] + self.couplings), 0.0)
 
 
 def position_gaps(motion: ForestMotion, q: Array) -> ForestGaps:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.result import Status
-from holdfast.dynamics.tree.forest_balance import power_into
-from holdfast.dynamics.tree.forest_closing import forest_close
-from holdfast.dynamics.tree.forest_dynamics import ForestResult, forest_arguments, solved_forest
-from holdfast.dynamics.tree.forest_gaps import position_gaps
-from holdfast.dynamics.tree.forest_motion import ForestMotion
-from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced, position_rates
+from holdfast.dynamics.tree.forest_balance import balance_of, power_into
+from holdfast.dynamics.tree.forest_closing import FOREST_CLOSED, forest_close
+from holdfast.dynamics.tree.forest_dynamics import forest_arguments, solved_forest
+from holdfast.dynamics.tree.forest_gaps import position_gaps, require_closed, velocity_gaps
+from holdfast.dynamics.tree.forest_projection import ClosingRound, closing_round
+from holdfast.dynamics.tree.varied_forest import ForestArguments, position_rates, unit_quaternions
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.forest import Forest
@@ -25,6 +25,7 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
 MOST_FOREST_STEPS = 100_000
+MOST_CLOSING_ROUNDS = 6
 ForestLaw = Callable[[float, Array, Array], ArrayLike]
 
 
@@ -44,20 +45,82 @@ class ForestRun(Frozen):
     qd: Array
 
 
-class ForestStage(NamedTuple):
-    """A forest at one time of a step.
+class ForestInstant(NamedTuple):
+    """What a step of a run needs of a forest at one time.
 
     Attributes:
-        given: its arguments, of which positions have unit quaternions.
-        motion: its motion.
-        result: its accelerations and forces.
+        qdd: (n_v,) accelerations.
+        q_rates: (n_q,) dq/dt.
         power: (4,) power of drives, dampers, bases and wrenches [W].
+        closure_wrench: (closures, 6) wrenches of the closures.
+        coupling_force: (couplings,) forces of the couplings.
+        unique: whether the forces are unique.
     """
 
-    given: ForestArguments
-    motion: ForestMotion
-    result: ForestResult
+    qdd: Array
+    q_rates: Array
     power: Array
+    closure_wrench: Array
+    coupling_force: Array
+    unique: bool
+
+
+class ForestAccount(NamedTuple):
+    """What is recorded of a forest at one time, besides its motion.
+
+    Attributes:
+        closure_wrench, coupling_force: as of `ForestInstant`; the smallest, if they are not unique.
+        position_gap: the largest gap in position [m and rad].
+        velocity_gap: the largest gap in velocity.
+        kinetic, potential: energies [J].
+    """
+
+    closure_wrench: Array
+    coupling_force: Array
+    position_gap: float
+    velocity_gap: float
+    kinetic: float
+    potential: float
+
+
+class ForestEngine(Protocol):
+    """How a run evaluates a forest: by the reference or by machine code."""
+
+    def instant(self, given: ForestArguments) -> ForestInstant:
+        """Return what a step needs at one time."""
+        ...
+
+    def closing(self, q: Array, qd: Array) -> ClosingRound:
+        """Return positions and rates nearer to the closures."""
+        ...
+
+    def account(self, given: ForestArguments, now: ForestInstant) -> ForestAccount:
+        """Return what is recorded of an instant."""
+        ...
+
+
+class ForestReference(NamedTuple):
+    """The reference as the engine of a run."""
+
+    forest: Forest
+
+    def instant(self, given: ForestArguments) -> ForestInstant:
+        """See `ForestEngine`."""
+        motion, _, found = solved_forest(given, check=False)
+        rates, power = position_rates(given.forest, given.q, given.qd), np.array(power_into(given, motion))
+        unique = found.status is Status.OK
+        return ForestInstant(found.qdd, rates, power, found.closure_wrench, found.coupling_force, unique)
+
+    def closing(self, q: Array, qd: Array) -> ClosingRound:
+        """See `ForestEngine`."""
+        return closing_round(self.forest, q, qd)
+
+    def account(self, given: ForestArguments, now: ForestInstant) -> ForestAccount:
+        """See `ForestEngine`."""
+        motion, energies = given.motion({}), balance_of(given, None)
+        gaps = float(position_gaps(motion, given.q).largest), float(velocity_gaps(motion, given.qd).largest)
+        forces = now.closure_wrench, now.coupling_force
+        return ForestAccount(*forces, *gaps, energies.kinetic_energy, energies.potential_energy)
 
 
 class ForestSample(NamedTuple):
@@ -65,13 +128,15 @@ class ForestSample(NamedTuple):
 
     Attributes:
         t: time [s].
-        stage: the forest, evaluated.
+        given: its arguments.
+        now: its accelerations.
         work: (4,) work since the start, in the order of the power, by the same weights as the motion [J].
         drift: the largest position gap that the step left before it was closed [m and rad].
     """
 
     t: float
-    stage: ForestStage
+    given: ForestArguments
+    now: ForestInstant
     work: Array
     drift: float
 
@@ -79,19 +144,16 @@ class ForestSample(NamedTuple):
 Acting = Callable[[float, Array, Array, bool], ForestArguments]  # of t, q, qd and whether a step begins
 
 
-def stage_of(given: ForestArguments, check: bool) -> ForestStage:
-    """Return a forest at one time, evaluated."""
-    motion, _, result = solved_forest(given, check=check)
-    return ForestStage(given, motion, result, np.array(power_into(given, motion)))
-
-
-def forest_steps(forest: Forest, q: Array, qd: Array, acting: Acting, times: Array) -> Iterator[ForestSample]:
+def forest_steps(
+    engine: ForestEngine, forest: Forest, q: Array, qd: Array, acting: Acting, times: Array
+) -> Iterator[ForestSample]:
     """Yield a forest at given times, the first of which is the start; see `forest_simulate`.
 
     Where some rows follow from others, they contradict each other beside closed states. The stages of a step are then
     closed, too, which is the same scheme for accelerations that depend on the nearest closed state.
 
     Args:
+        engine: evaluates the forest.
         forest: the forest.
         q: (n_q,) positions at the start.
         qd: (n_v,) rates at the start.
@@ -100,31 +162,45 @@ def forest_steps(forest: Forest, q: Array, qd: Array, acting: Acting, times: Arr
     """
     n_q, n_v, work, drift = forest.position_count, forest.velocity_count, np.zeros(4), 0.0
     unique = True
+    require_closed(ForestArguments(forest, q, qd, 0.0 * qd, np.zeros((len(forest.bodies), 6))).motion({}), q, qd)
 
-    def evaluated(t: float, x: Array, begins: bool, check: bool = False) -> tuple[ForestStage, Array]:
-        at, rates = _unit_quaternions(forest, x[:n_q]), x[n_q : n_q + n_v]
+    def evaluated(t: float, x: Array, begins: bool) -> tuple[ForestArguments, ForestInstant, Array]:
+        at, rates = unit_quaternions(forest, x[:n_q]), x[n_q : n_q + n_v]
         if not (begins or unique):
-            closed = forest_close(forest, at, rates)
-            at, rates = closed.q, closed.qd
-        found = stage_of(acting(t, at, rates, begins), check)
-        return found, np.concatenate([position_rates(forest, at, rates), found.result.qdd, found.power])
+            at, rates, _ = _closed(engine, forest, at, rates)
+        given = acting(t, at, rates, begins)
+        found = engine.instant(given)
+        return given, found, np.concatenate([found.q_rates, found.qdd, found.power])
 
     for k, t in enumerate(times.tolist()):
         x = np.concatenate([q, qd, work])
-        now, a = evaluated(t, x, True, check=k == 0)
-        unique = now.result.status is Status.OK
-        yield ForestSample(t, now, work, drift)
+        given, now, a = evaluated(t, x, True)
+        unique = now.unique
+        yield ForestSample(t, given, now, work, drift)
         if k + 1 == len(times):
             return
         h = times[k + 1] - t
-        _, b = evaluated(t + 0.5 * h, x + 0.5 * h * a, False)
-        _, c = evaluated(t + 0.5 * h, x + 0.5 * h * b, False)
-        _, d = evaluated(t + h, x + h * c, False)
+        b = evaluated(t + 0.5 * h, x + 0.5 * h * a, False)[-1]
+        c = evaluated(t + 0.5 * h, x + 0.5 * h * b, False)[-1]
+        d = evaluated(t + h, x + h * c, False)[-1]
         x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-        moved = _unit_quaternions(forest, x[:n_q])
-        closed = forest_close(forest, moved, x[n_q : n_q + n_v])
-        q, qd, work = closed.q, closed.qd, x[n_q + n_v :]
-        drift = position_gaps(now.given._replace(q=moved).motion({}), moved).largest
+        q, qd, drift = _closed(engine, forest, unit_quaternions(forest, x[:n_q]), x[n_q : n_q + n_v])
+        work = x[n_q + n_v :]
+
+
+def _closed(engine: ForestEngine, forest: Forest, q: Array, qd: Array) -> tuple[Array, Array, float]:
+    """Return closed positions and rates near some, and the largest gap in position before.
+
+    Raises:
+        ClosureError: they cannot be closed from there.
+    """
+    now = first = engine.closing(q, qd)
+    for _ in range(MOST_CLOSING_ROUNDS):
+        now = engine.closing(now.q, now.qd)
+        if now.position_gap <= FOREST_CLOSED:  # and the round has closed the rates there
+            return now.q, now.qd, float(first.position_gap)
+    far = forest_close(forest, q, qd)
+    return far.q, far.qd, float(first.position_gap)
 
 
 @np.errstate(all="ignore")  # what overflows is refused
@@ -139,8 +215,8 @@ def forest_simulate(
 ) -> ForestRun:
     """Return a motion of a forest in fixed steps, O(n) per step as `forest_dynamics`.
 
-    The scheme has fourth order. After every step, positions and rates are brought back to closures and couplings
-    (`forest_close`), which takes O(n^3).
+    The scheme has fourth order. After every step, positions and rates are brought back to closures and couplings by the
+    smallest changes in the kinetic metric, in O(n), and by `forest_close` where this does not close them.
 
     Args:
         forest: bodies, closures and couplings.
@@ -167,11 +243,6 @@ def forest_simulate(
         tau = np.zeros(n) if torque is None else checks.numbers(torque(t, at, rates), (n,), "torque", StateError)
         return ForestArguments(forest, at, rates, tau, given.wrenches)
 
-    samples = [*forest_steps(forest, given.q, given.qd, acting, h * np.arange(count + 1))]
-    reached = [(sample.stage.given.q, sample.stage.given.qd) for sample in samples]
+    samples = [*forest_steps(ForestReference(forest), forest, given.q, given.qd, acting, h * np.arange(count + 1))]
+    reached = [(sample.given.q, sample.given.qd) for sample in samples]
     return ForestRun(np.array([sample.t for sample in samples]), *(np.array(x) for x in zip(*reached, strict=True)))
-
-
-def _unit_quaternions(forest: Forest, q: Array) -> Array:
-    """Return positions with quaternions of unit length."""
-    return displaced(forest, q, np.zeros(forest.velocity_count))

@@ -242,13 +242,41 @@ def _all_in_limbs(plan: EliminationPlan, limbs: Container[int]) -> bool:
 
 def _of_what_is_left(limbed: LimbedMotion, factors: ForestFactors, first: _Accelerations) -> _Accelerations:
     """Return the solution at rest for what accelerations leave of the rows."""
+    return _at_rest_with(limbed, factors, *left_over(limbed.motion, first.qdd, first.beta, first.tips))
+
+
+def _at_rest_with(
+    limbed: LimbedMotion, factors: ForestFactors, gaps: list[Array], coupled: list[Scalar]
+) -> _Accelerations:
+    """Return the solution of the forest at rest with other right-hand sides of its rows."""
     motion, limbs = limbed
-    gaps, coupled = left_over(motion, first.qdd, first.beta, first.tips)
     rest = motion.at_rest_with(gaps, coupled)
     of_limbs = {i: (-gaps[i] if m.limb.is_b else gaps[i]) @ m.closure.K for i, m in limbs.items()}
     (again,) = solve(factors, [right_hand_side(rest)._replace(limbs=(), gaps=of_limbs)])
     still = each(_at_rest, [m.arm for m in limbs.values()], [m.tip for m in limbs.values()])
     return _accelerations(again, limbs, still)
+
+
+def changes_with_limbs(
+    limbed: LimbedMotion, plan: EliminationPlan, sides: Sequence[tuple[list[Array], list[Scalar]]]
+) -> tuple[Scalar, list[Array]]:
+    """Return the rank, and the smallest changes of rates in the kinetic metric with given effects on the rows.
+
+    Args:
+        limbed: the forest's motion, of which only the configuration matters.
+        plan: the order.
+        sides: per change, its effect on the rows of closures, (rows,) each, and of couplings.
+
+    Returns:
+        The rank of the rows, and per change (n_v,) in the coordinates of qd.
+    """
+    motion, found = limbed.motion, []
+    factors, _ = factorised(motion, plan)
+    for gaps, coupled in sides:
+        moved = _at_rest_with(limbed, factors, gaps, coupled)
+        rates = [moved.qdd[k] if body is None else body.of_frame(moved.qdd[k]) for k, body in enumerate(motion.bodies)]
+        found.append(concatenate(rates))
+    return factors.rank, found
 
 
 class _Accelerations(NamedTuple):

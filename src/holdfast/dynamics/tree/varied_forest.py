@@ -128,6 +128,16 @@ def displaced(forest: Forest, q: Array, step: Array) -> Array:
     return concatenate(parts)
 
 
+def unit_quaternions(forest: Forest, q: Array) -> Array:
+    """Return positions with quaternions scaled to unit length."""
+    found = q.copy()
+    for body, at in zip(forest.bodies, forest.positions, strict=True):
+        if body.joint.of_kind.pose:
+            turned = slice(at.start, at.start + 4)
+            found[turned] = rotation.normalised(q[turned])
+    return found
+
+
 def position_rates(forest: Forest, q: Array, qd: Array) -> Array:
     """Return dq/dt, (n_q,), of which the part of a quaternion is half the product of the angular velocity with it."""
     parts = []

@@ -1,0 +1,70 @@
+"""The return of a motion to its closures after a step, by the smallest changes in the kinetic metric.
+
+    M dq = G^T p,   G dq = -gap of positions,       M dqd = G^T p',   G dqd = -gap of rates
+
+Both are the forest at rest with the gaps as right-hand sides of its rows, for which one elimination is enough; a
+further round removes what the curvature of the closures has left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
+from holdfast.dynamics.tree.forest_motion import ClosureMotion, forest_motion
+from holdfast.dynamics.tree.limbs import LimbArm, changes_with_limbs, limbed_motion
+from holdfast.dynamics.tree.plan import plan_of
+from holdfast.dynamics.tree.varied_forest import displaced
+from holdfast.model.forest import Forest
+from holdfast.spatial.scalar import Array, Scalar, array
+
+
+class ClosingRound(NamedTuple):
+    """Positions and rates after a round.
+
+    Attributes:
+        q: (n_q,) positions.
+        qd: (n_v,) rates.
+        position_gap: the largest gap in position before [m and rad].
+        velocity_gap: the largest gap in velocity before.
+        rank: rank of the rows before.
+    """
+
+    q: Array
+    qd: Array
+    position_gap: Scalar
+    velocity_gap: Scalar
+    rank: Scalar
+
+
+def closing_round(forest: Forest, q: Array, qd: Array, arms: Sequence[LimbArm] = ()) -> ClosingRound:
+    """Return positions and rates nearer to closures and couplings, O(bodies) as forward dynamics.
+
+    Positions move along nonholonomic closures only as these allow.
+
+    Args:
+        forest: bodies, closures and couplings.
+        q: (n_q,) positions with unit quaternions.
+        qd: (n_v,) rates.
+        arms: limbs that are solved as arms (`limb_arms`).
+    """
+    still = np.zeros(forest.velocity_count)
+    motion = forest_motion(forest, q, qd, still, np.zeros((len(forest.bodies), 6)))
+    apart, speeds = position_gaps(motion, q), velocity_gaps(motion, qd)
+    of_positions = [_on_all_rows(c, gap) for c, gap in zip(motion.closures, apart.closures, strict=True)]
+    limbed = limbed_motion(forest, arms, q, still, still)
+    sides = [
+        ([-x for x in closures], [-x for x in couplings])
+        for closures, couplings in ((of_positions, apart.couplings), (speeds.closures, speeds.couplings))
+    ]
+    rank, (step, change) = changes_with_limbs(limbed, plan_of(forest.topology), sides)
+    return ClosingRound(displaced(forest, q, step), qd + change, apart.largest, speeds.largest, rank)
+
+
+def _on_all_rows(c: ClosureMotion, gap: Array) -> Array:
+    """Return a gap in position along all rows of a closure, (rows,); nonholonomic ones have none."""
+    known = dict(zip(c.contact.grasp.of_kind.position_rows, gap, strict=True))
+    return array([known.get(row, 0.0) for row in c.contact.rows])

@@ -1,0 +1,92 @@
+"""Runs of forests by machine code: the motion of the reference, closed and accounted for alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.compiled.forest_engine import CompiledForestEngine
+from holdfast.dynamics.tree.forest_closing import forest_close
+from holdfast.dynamics.tree.forest_projection import closing_round
+from holdfast.dynamics.tree.forest_simulate import ForestReference, forest_steps
+from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced
+from tests.dynamics.tree.as_branched import gap
+from tests.longer import mostly_slow
+from tests.systems.branched import branched_problems, palletiser, two_arms_with_grippers
+from tests.systems.random_forests import random_forest
+
+SEEDS = range(12)
+
+
+@pytest.mark.parametrize("seed", mostly_slow(SEEDS, (4,)))
+def test_steps(seed):
+    """Motion, work, forces, gaps and energies of every kind of forest."""
+    p = random_forest(seed)
+
+    def acting(t, q, qd, begins):
+        return ForestArguments(p.forest, q, qd, p.tau, p.wrenches)
+
+    runs = []
+    for engine in (ForestReference(p.forest), CompiledForestEngine(p.forest)):
+        samples = [*forest_steps(engine, p.forest, p.q, p.qd, acting, 1e-3 * np.arange(4))]
+        runs.append([(one, engine.account(one.given, one.now)) for one in samples])
+    for (reference, theirs), (coded, ours) in zip(*runs, strict=True):
+        assert gap(coded.given.q, reference.given.q) < 1e-12
+        assert gap(coded.given.qd, reference.given.qd) < 1e-11
+        assert gap(coded.now.qdd, reference.now.qdd) < 1e-8
+        assert gap(coded.work, reference.work) < 1e-12
+        assert coded.now.unique is reference.now.unique
+        assert gap(ours.closure_wrench, theirs.closure_wrench) < 1e-8
+        assert gap(ours.coupling_force, theirs.coupling_force) < 1e-8
+        assert gap([ours.kinetic, ours.potential], [theirs.kinetic, theirs.potential]) < 1e-11
+        assert max(ours.position_gap, ours.velocity_gap, theirs.position_gap, theirs.velocity_gap) < 1e-9
+
+
+@pytest.mark.parametrize("seed", mostly_slow(SEEDS, (1, 4)))
+def test_rounds_close(seed):
+    """Rounds close what a motion along the rates has opened, as `forest_close` does, at a quadratic rate."""
+    p = random_forest(seed)
+    q, qd, opened = displaced(p.forest, p.q, 2e-3 * p.qd), p.qd, []
+    for _ in range(4):
+        now = closing_round(p.forest, q, qd)
+        q, qd, opened = now.q, now.qd, [*opened, now.position_gap]
+    assert opened[1] < max(opened[0] ** 1.5, 1e-13) and opened[-1] < 1e-13
+    closed = forest_close(p.forest, q, p.qd)
+    assert gap(closed.q, q) < 1e-12
+    assert gap(closed.qd, qd) < 1e-4  # the first rounds changed the rates where the closures were open
+
+
+@pytest.mark.parametrize("name", mostly_slow(branched_problems(), ("palletiser",)))
+def test_runs_of_chains(name):
+    """Longer runs are machine code, shorter ones are not: the same samples, and the first of both is the start."""
+    chain, state, tau = branched_problems()[name]
+
+    def law(t, state, memory):
+        return tau, memory
+
+    short, long = (hf.simulate(chain, state, law, steps * 1e-3, 1e-3) for steps in (10, 60))
+    for of in ("q", "qd", "object_pose", "tau", "qdd", "grasp_wrench", "coupling_force", "kinetic", "work"):
+        assert gap(getattr(long, of)[:11], getattr(short, of)) < 1e-9
+    assert np.abs(long.energy_imbalance).max() < 1e-7
+    assert long.position_gap.max() < 1e-12
+
+
+@pytest.mark.slow
+def test_a_lower_rank_is_answered_by_the_reference():
+    """A rank that is not that of the start is left to the reference, whose forces are the smallest there."""
+    p = two_arms_with_grippers()
+    forest = p.chain.forest
+    q, qd = np.append(p.state.q, p.state.object_pose), np.append(p.state.qd, p.state.object_twist)
+    given = ForestArguments(forest, q, qd, np.append(p.tau, np.zeros(6)), np.zeros((len(forest.bodies), 6)))
+    engine = CompiledForestEngine(forest)
+    engine.rank = forest.constraint_row_count
+    assert gap(engine.instant(given).closure_wrench, ForestReference(forest).instant(given).closure_wrench) == 0.0
+
+
+def test_refusals_are_those_of_the_reference():
+    """A run whose torques overflow is refused in the words of the reference, by machine code as well."""
+    chain, state, tau = palletiser()
+    for steps in (10, 60):
+        with pytest.raises(hf.errors.StateError, match="overflow"):
+            hf.simulate(chain, state, lambda t, state, memory: (1e306 * np.sign(tau), memory), steps * 1e-3, 1e-3)
