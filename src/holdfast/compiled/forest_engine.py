@@ -61,7 +61,8 @@ class CompiledForestEngine:
     def closing(self, q: Array, qd: Array) -> ClosingRound:
         """See `ForestEngine`."""
         x = self._run(self._closing, q=q, qd=qd)
-        return ClosingRound(x["closed_q"].copy(), x["closed_qd"].copy(), *(float(x[name]) for name in _GAPS), x["rank"])
+        gaps = float(x["position_gap"]), float(x["velocity_gap"])
+        return ClosingRound(x["closed_q"].copy(), x["closed_qd"].copy(), *gaps, float(x["rank"]))
 
     def account(self, given: ForestArguments, now: ForestInstant) -> ForestAccount:
         """See `ForestEngine`."""
