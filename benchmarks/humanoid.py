@@ -133,7 +133,7 @@ def main() -> None:
     )
     for what in ("legs", "arms"):
         counts = [
-            CompiledForest(humanoid(**{"legs": 2, "arms": 2, what: n}).forest).schedule().operation_count
+            CompiledForest(humanoid(**{"legs": 2, "arms": 2, what: n}).forest).function.schedule().operation_count
             for n in (2, 3, 4, 5)
         ]
         print(f"{what} 2 to 5: {', '.join(f'{n:,}' for n in counts)}; increments {np.diff(counts).tolist()}")

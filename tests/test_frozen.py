@@ -175,3 +175,13 @@ def test_nothing_can_be_written(name, way):
     for field in fields(x)[:1]:
         with pytest.raises(FrozenInstanceError):
             setattr(x, field.name, None)
+
+
+@pytest.mark.parametrize("kind", ["rigid", "ball", "hinge", "softfinger", "universal", "slider", "cylinder", "planar"])
+def test_what_has_been_computed_is_not_pickled(kind):
+    """A chain pickles after it has been used, whatever its caches hold."""
+    grasp = hf.Grasp(kind)
+    before = grasp.transmission
+    again = pickle.loads(pickle.dumps(grasp))
+    assert "of_kind" in vars(grasp) and "of_kind" not in vars(again)
+    assert (again.transmission == before).all()

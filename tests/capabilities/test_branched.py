@@ -13,7 +13,7 @@ from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
-    "ClosedChain", "close", "control.GravityCompensation",
+    "ClosedChain", "close", "compile", "control.GravityCompensation",
     "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
     "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
     "dynamics.power", "dynamics.release", "forward_dynamics", "forward_dynamics_jacobian",
@@ -21,7 +21,8 @@ ANSWERED = {
 }  # fmt: skip
 # results, which functions of this register make
 RESULTS = {
-    "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
+    "compiled.CompiledChain", "compiled.CompiledMechanism", "control.TimedPath", "dynamics.ForwardResult",
+    "dynamics.MechanismResult",
     "dynamics.MechanismAttachment", "dynamics.MechanismLinearisation", "dynamics.MechanismTorques",
        "identification.Identification",
     "planning.JointPath", "simulation.MechanismRun", "simulation.Rollout", "simulation.RolloutSystems",

@@ -2,4 +2,5 @@
 
 from .chain import CompiledChain as CompiledChain
 from .forest import CompiledForest as CompiledForest
+from .forest import CompiledMechanism as CompiledMechanism
 from .function import Function as Function

@@ -15,7 +15,7 @@ from holdfast.dynamics.result import Status
 from holdfast.errors import FrozenError, StateError
 from holdfast.model import checks
 from holdfast.names import named, no_arguments
-from holdfast.questions.arrays import ARRAYS, MOVING
+from holdfast.questions.arrays import ARRAYS, FLOATING, MOVING
 from holdfast.spatial.real_numbers import is_masked
 from holdfast.spatial.scalar import Array
 
@@ -57,8 +57,9 @@ class BoundFunction:
         self.run = self._bound.run
         absent = [name for name, row in ARRAYS.items() if row.role in ("state", "input") and name not in arrays]
         vars(self).update({**dict.fromkeys(absent), **self.arrays})
-        if "object_pose" in arrays and "object_pose" not in named and not arrays["object_pose"].any():
-            arrays["object_pose"][0] = 1.0
+        for pose in ("object_pose", FLOATING[0]):
+            if pose in arrays and pose not in named and not arrays[pose].any():
+                arrays[pose][..., 0] = 1.0
         self.found = None if function.request is None else function.shown(self._written)
         self._only = function.only_array(self._written)
         self.set(**{name: x for name, x in given.items() if name not in named})

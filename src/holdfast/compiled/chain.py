@@ -11,7 +11,7 @@ from holdfast import outer
 from holdfast.compiled.answers import Answers
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivatives import CompiledDerivatives
-from holdfast.compiled.forest import CompiledForest
+from holdfast.compiled.forest import CompiledForest, CompiledMechanism
 from holdfast.compiled.function import Function
 from holdfast.compiled.structure import OPTIONAL, Options, optional_parameters, require_iterations, require_rank
 from holdfast.dynamics.closed.tip_response import Route
@@ -30,7 +30,7 @@ from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import Forest
-from holdfast.model.serial_chain import serial_chain
+from holdfast.model.serial_chain import answered_as_forest, require_unused
 from holdfast.names import called, unknown_attribute
 from holdfast.questions.question import QUESTIONS
 
@@ -78,8 +78,8 @@ def compile(
     (`HOLDFAST_CACHE` is a folder, or `off`). It is made for this processor, or for the one that `HOLDFAST_CPU` names.
 
     Args:
-        chain: arms, object and grasps; or a forest, whose numbers all become constants, and whose only
-            options are parameters=["link_wrench"] and `progress`.
+        chain: arms, object and grasps. The numbers of a forest, or of a chain with branches, loops, couplings or
+            several objects, all become constants; its only options are parameters=["link_wrench"] and `progress`.
         dtype: the number type; only `float64` is supported.
         method: how the inverse inertia at each arm's tip is computed: `recursive` (articulated-body recursion),
             `mass_matrix` (by factorisation), or `auto`, which chooses one for each arm.
@@ -95,20 +95,22 @@ def compile(
             second; True: always, elsewhere as a line in the log; False: never.
 
     Returns:
-        The chain's dynamics as functions of arrays, for one system or a batch; of a forest its forward dynamics.
+        The chain's dynamics as functions of arrays, for one system or a batch; a `CompiledForest` of a forest, and a
+        `CompiledMechanism` of a chain with branches, loops, couplings or several objects, have forward dynamics only.
 
     Raises:
         MethodNotApplicable: `method` or `dtype` is not available in machine code.
         CompileError: The machine code cannot be made on this computer.
     """
-    if isinstance(chain, Forest):
-        if dtype != "float64" or method != "auto" or iterations is not None or generic_rank is not None:
-            raise MethodNotApplicable("compile: expected no other options than parameters and progress for a forest")
+    if isinstance(chain, Forest) or answered_as_forest(chain):
+        require_unused(dtype=dtype != "float64", method=method != "auto", iterations=iterations is not None)
+        require_unused(generic_rank=generic_rank is not None)
         optional_parameters(parameters, "compile", known=("link_wrench",))
-        compiled = CompiledForest(chain, parameters, progress)
-        _ = compiled.calls
-        return compiled
-    serial_chain(chain, "compile: chain")
+        of = CompiledForest if isinstance(chain, Forest) else CompiledMechanism
+        compiled = of(chain, parameters, progress)  # type: ignore[arg-type]
+        _ = compiled.function.calls
+        return compiled  # pyright: ignore[reportReturnType]
+    checks.instance(chain, ClosedChain, "compile: chain")
     require_rank(generic_rank, chain, "compile")
     checks.instance(method, str, "compile: method", MethodNotApplicable)
     if dtype != "float64":

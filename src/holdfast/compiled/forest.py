@@ -1,9 +1,9 @@
-"""Forward dynamics of a forest as machine code (`holdfast.compile` of a `Forest`)."""
+"""Forward dynamics of a forest, or of a chain that is answered as one, as machine code (`holdfast.compile`)."""
 
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, reduce
 from typing import TYPE_CHECKING, Any, cast
 
@@ -13,8 +13,15 @@ from holdfast.compiled import arrays
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.calls import Calls
 from holdfast.compiled.computation import Computation
+from holdfast.compiled.forest_terms import (
+    CompiledForestResult,
+    CompiledMechanismResult,
+    ForestTerms,
+    chain_terms,
+    forest_terms,
+)
 from holdfast.compiled.kernels import kernel
-from holdfast.compiled.result import INDETERMINATE, OK, SINGULAR, SolvedResults
+from holdfast.compiled.result import INDETERMINATE, OK, SINGULAR
 from holdfast.compiled.traced_chain import (
     Given,
     constant_arm,
@@ -27,11 +34,12 @@ from holdfast.compiled.traced_chain import (
 from holdfast.compiler.constant import Constant, constants
 from holdfast.compiler.schedule import FIRST_BAD, Schedule
 from holdfast.dynamics.closed.tip_response import if_regular
-from holdfast.dynamics.tree.forest_dynamics import CONTRADICTION, ForestResult, forest_dynamics
+from holdfast.dynamics.tree.forest_dynamics import CONTRADICTION
 from holdfast.dynamics.tree.limbs import LimbArm, limb_arms, limbed_motion, solved_with_limbs
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.tree.varied_forest import damping_torques, spring_torques
 from holdfast.errors import StateError
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.forest import Forest, ForestBody
 from holdfast.names import called
@@ -43,51 +51,159 @@ if TYPE_CHECKING:
     from holdfast.compiled.function import Function
 
 INPUTS = ("q", "qd", "tau")
-_SOLUTION = ("qdd", "closure_wrench", "coupling_force")
 _OF_STATUS = ("rank", "status", "condition")
 
 
-class CompiledForestResult(SolvedResults, ForestResult):  # pyright: ignore[reportIncompatibleVariableOverride]
-    """A `ForestResult` of one system or a batch, whose arrays are written by machine code.
+class ForestFunction:
+    """Forward dynamics as machine code, called for one system or a batch, or bound to fixed arrays.
 
-    For a batch every array has a leading axis, and `rank`, `status`, `mobility` and `condition` are arrays as well.
-    If the forces are not unique (`INDETERMINATE_FORCES`), they are one of the solutions, not the smallest ones.
-    The accelerations of all bodies are not among them. A call with `out=result` overwrites the result.
+    Attributes:
+        terms: the arrays that it takes and returns.
+        externals: the arrays that the machine code reads and writes, by name.
+        progress: whether to show that machine code is made; see `holdfast.compile`.
     """
 
-    method = "sequential"
+    name, has_status, request = "forward_dynamics", True, None  # what a `BoundFunction` asks of a function
+
+    def __init__(self, terms: ForestTerms, key: str, progress: bool | None) -> None:
+        self.terms, self.chain, self.key, self.progress = terms, terms.subject, key, progress
+        shapes = {**terms.inputs, **terms.further, **terms.outputs, **dict.fromkeys(_OF_STATUS, ())}
+        self.externals = externals([*terms.inputs, *terms.further], [], (*terms.outputs, *_OF_STATUS), shapes)
+
+    def __call__(self, given: Mapping[str, Any], out: Any, threads: int | None) -> Any:
+        """Return accelerations and forces of one system or a batch.
+
+        Args:
+            given: the arrays by name; those of `terms.further` are zero by default.
+            out: an earlier result, to be overwritten.
+            threads: how many threads share a batch; None: as many as make it faster.
+
+        Raises:
+            StateError, SingularChainError, ModelError: as the reference raises them.
+        """
+        arrays.require_threads(threads)
+        present = {name: x for name, x in given.items() if x is not None}
+        if lacking := [name for name in self.terms.inputs if name not in present]:
+            raise StateError(f"{self.name}: expected {', '.join(self.terms.inputs)}, got no {' and no '.join(lacking)}")
+        if unknown := [name for name in present if name not in self.externals]:
+            raise StateError(f"{unknown[0]}: expected none; try holdfast.compile(..., parameters=['link_wrench'])")
+        found = {name: arrays.floats(name, x, self.externals[name].shape) for name, x in present.items()}
+        self.terms.require(found)
+        batch = arrays.batch_of(found, self.externals)
+        if out is None:
+            result = self.results(batch)
+        else:
+            arrays.require_fit(out, self.chain, batch)
+            result = out
+        if batch is not None and not self.calls.kernel.batch_is_compiled:
+            with busy(self.progress, f"compiling {self.name} of {self._of} for batches"):
+                self.calls.kernel.compile_batch()
+        self.calls(found, result, threads)
+        if batch is None and result.array("status") >= FIRST_BAD:
+            self._refuse(found)
+        return result
 
     @property
-    def forest(self) -> Forest:  # type: ignore[override]
-        """The forest."""
-        return self.chain
+    def _of(self) -> str:
+        return "a forest" if self.chain is self.terms.forest else ", ".join(self.chain.names)
+
+    @cached_property
+    def calls(self) -> Calls:
+        """The calls of the machine code, which is made or loaded when they are first needed."""
+        with busy(self.progress, f"compiling {self.name} of {self._of}"):
+            structure: Any = self  # whose key names the code
+            code = kernel(Computation("forest", structure, self.externals, self.schedule, tuple(self.terms.inputs)))
+        return Calls(code, {name: np.zeros(shape) for name, shape in self.terms.further.items()})
+
+    def schedule(self) -> Schedule:
+        """Return the schedule, made by tracing the reference's functions."""
+        forest, terms = self.terms.forest, self.terms
+
+        def outputs(given: Given) -> dict[str, Any]:
+            found = forward_outputs(forest, terms.arguments(given))
+            return terms.results(found) | {name: found[name] for name in _OF_STATUS}
+
+        return traced(self.externals, outputs, "status", tuple(self.terms.outputs))
+
+    def results(self, batch: int | None) -> CompiledForestResult | CompiledMechanismResult:
+        """Return new memory for the results of one system, or of a batch."""
+        return self.terms.made(self.chain, self.calls.layout, batch)
+
+    def shown(self, results: Any) -> Any:
+        """Return what a user gets of the results in memory: the results."""
+        return results
+
+    def only_array(self, results: Any) -> None:
+        """Return None, as there are several results."""
 
     @property
-    def mobility(self) -> Any:  # type: ignore[override]
-        """n_v minus the rank."""
-        return self.forest.velocity_count - self.rank
+    def subject(self) -> str:
+        """What it is about, for descriptions."""
+        return repr(self.chain)
+
+    def _refuse(self, found: Mapping[str, Array]) -> None:
+        """Raise the error of the reference for one system without an answer."""
+        for name, x in found.items():
+            if not np.isfinite(x).all():
+                raise StateError(f"{name}: expected finite numbers, got {x[~np.isfinite(x)][0]}")
+        self.terms.refuse(found)
+        worst = float(np.abs(found["q"]).max())
+        raise StateError(f"q: expected angles of at most {arrays.LARGEST_ARGUMENT:g} rad, got {worst:.6g}")
+
+
+class _Compiled:
+    """What machine code of forests and of chains that are answered as forests have in common."""
+
+    def __init__(
+        self,
+        subject: Any,
+        terms: Callable[[Any, Sequence[str]], ForestTerms],
+        parameters: Sequence[str],
+        progress: bool | None,
+    ) -> None:
+        self.parameters, self.progress, self._subject = tuple(parameters), progress, subject
+        key = f"{exact_fingerprint(subject) or secrets.token_hex()}/{type(self).__name__}/{self.parameters}"
+        self.function = ForestFunction(terms(subject, self.parameters), key, progress)
+
+    def bind(self, **inputs: Array) -> BoundFunction:
+        """Return forward dynamics bound to fixed arrays: a call without arguments, for control loops.
+
+        Args:
+            **inputs: arrays of the caller for the arguments of `forward_dynamics` (float64, C order), which are read at
+                every call; new arrays are made for the others.
+
+        Raises:
+            StateError: a name or shape is wrong.
+        """
+        return BoundFunction(cast("Function", self.function), inputs)
+
+    @property
+    def operation_count(self) -> int:
+        """The number of arithmetic operations for one system."""
+        return self.function.calls.kernel.operation_count
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to unpickle the object: its machine code is loaded from the cache or compiled again."""
+        return type(self), (self._subject, self.parameters, self.progress)
+
+    def __repr__(self) -> str:
+        """Return what it is about."""
+        return f"<{type(self).__name__} of {self._subject!r}>"
 
 
 @called
-class CompiledForest:
+class CompiledForest(_Compiled):
     """The forward dynamics of one forest as machine code; made by `holdfast.compile`.
 
     Attributes:
         forest: the forest, all numbers of which are constants of the code.
         parameters: ("link_wrench",) if external wrenches on the bodies are an input, else ().
         progress: whether to show that machine code is made; see `holdfast.compile`.
-        externals: the arrays that the machine code reads and writes, by name.
     """
 
-    name, has_status, request = "forward_dynamics", True, None  # what a `BoundFunction` asks of a function
-
     def __init__(self, forest: Forest, parameters: Sequence[str] = (), progress: bool | None = None) -> None:
-        self.forest, self.chain, self.progress, self.parameters = forest, forest, progress, tuple(parameters)
-        n = forest.velocity_count
-        shapes = {"q": (forest.position_count,), **dict.fromkeys(("qd", "tau", "qdd"), (n,))}
-        shapes |= {"link_wrench": (len(forest.bodies), 6), "closure_wrench": (len(forest.closures), 6)}
-        shapes |= {"coupling_force": (len(forest.couplings),), **dict.fromkeys(_OF_STATUS, ())}
-        self.externals = externals([*INPUTS, *parameters], [], (*_SOLUTION, *_OF_STATUS), shapes)
+        self.forest = forest
+        super().__init__(forest, forest_terms, parameters, progress)
 
     def forward_dynamics(
         self,
@@ -119,92 +235,66 @@ class CompiledForest:
             SingularChainError: no accelerations of a single system satisfy the closures, in a singular posture.
             ModelError: a joint of a single system has nothing beyond it that resists its acceleration.
         """
-        arrays.require_threads(threads)
-        given = {"q": q, "qd": qd, "tau": tau} | ({} if link_wrench is None else {"link_wrench": link_wrench})
-        if not given.keys() <= self.externals.keys():
-            raise StateError("link_wrench: expected none; try holdfast.compile(forest, parameters=['link_wrench'])")
-        found = {name: arrays.floats(name, x, self.externals[name].shape) for name, x in given.items()}
-        batch = arrays.batch_of(found, self.externals)
-        if out is None:
-            result = self.results(batch)
-        else:
-            arrays.require_fit(out, self.forest, batch)
-            result = out
-        if batch is not None and not self.calls.kernel.batch_is_compiled:
-            with busy(self.progress, f"compiling {self.name} of a forest for batches"):
-                self.calls.kernel.compile_batch()
-        self.calls(found, result, threads)
-        if batch is None and result.array("status") >= FIRST_BAD:
-            self._refuse(found)
-        return result
+        return self.function({"q": q, "qd": qd, "tau": tau, "link_wrench": link_wrench}, out, threads)
 
-    def bind(self, **inputs: Array) -> BoundFunction:
-        """Return forward dynamics bound to fixed arrays: a call without arguments, for control loops.
+
+@called
+class CompiledMechanism(_Compiled):
+    """The forward dynamics of one chain with branches, loops, couplings or several objects as machine code.
+
+    It is made by `holdfast.compile`, and all numbers of the chain are constants of the code.
+
+    Attributes:
+        chain: the chain.
+        parameters: ("link_wrench",) if external wrenches on the links are inputs, else ().
+        progress: whether to show that machine code is made; see `holdfast.compile`.
+    """
+
+    def __init__(self, chain: ClosedChain, parameters: Sequence[str] = (), progress: bool | None = None) -> None:
+        self.chain = chain
+        super().__init__(chain, chain_terms, parameters, progress)
+
+    def forward_dynamics(
+        self,
+        q: Any,
+        qd: Any,
+        tau: Any,
+        object_pose: Any = None,
+        object_twist: Any = None,
+        *,
+        out: CompiledMechanismResult | None = None,
+        threads: int | None = None,
+        **further: Any,
+    ) -> CompiledMechanismResult:
+        """Return the accelerations and forces of one system or a batch, as `forward_dynamics` does.
+
+        Any argument may have a leading batch axis; those without it are shared. Results do not depend on batch size or
+        number of threads, bit for bit. Closures need not be satisfied. In a batch, systems without an answer have a bad
+        status, and NaN as results.
 
         Args:
-            **inputs: arrays of the caller for q, qd, tau and link_wrench (float64, C order), which are read at every
-                call; new arrays are made for the others.
+            q: positions of the joints, a trunk's first and then those of the arms in order [rad or m]; four numbers
+                (w, x, y, z) of a spherical joint.
+            qd: (n,) rates of the joints.
+            tau: (n,) torques of the drives; 0 for passive joints [N m or N].
+            object_pose: (7,) wxyz_xyz of the object, or (k, 7) of k objects; None without objects.
+            object_twist: (6,) its twist, or (k, 6) of k objects.
+            out: an earlier result, to be overwritten.
+            threads: how many threads share a batch; None: as many as make it faster.
+            **further: object_wrench, (6,) or (k, 6); with a floating base floating_pose (7,) and floating_twist (6,);
+                if it was compiled with parameters=["link_wrench"], link_wrench (links of the arms, 6) and with a trunk
+                trunk_link_wrench; about the origins of frames, world axes. Wrenches are zero by default.
 
         Raises:
-            StateError: a name or shape is wrong.
+            StateError: a shape or a number is wrong, or a passive joint has a torque.
+            SingularChainError: no accelerations of a single system satisfy the closures, in a singular posture.
+            ModelError: a joint of a single system has nothing beyond it that resists its acceleration.
         """
-        return BoundFunction(cast("Function", self), inputs)
-
-    @property
-    def operation_count(self) -> int:
-        """The number of arithmetic operations for one system."""
-        return self.calls.kernel.operation_count
-
-    @cached_property
-    def calls(self) -> Calls:
-        """The calls of the machine code, which is made or loaded when they are first needed."""
-        with busy(self.progress, f"compiling {self.name} of a forest"):
-            structure: Any = self  # whose key names the code
-            code = kernel(Computation("forest", structure, self.externals, self.schedule, INPUTS))
-        return Calls(code, {name: np.zeros(self.externals[name].shape) for name in self.parameters})
-
-    @property
-    def key(self) -> str:
-        """A key of everything on which the code depends."""
-        return f"{exact_fingerprint(self.forest) or secrets.token_hex()}/{self.parameters}"
-
-    def schedule(self) -> Schedule:
-        """Return the schedule, made by tracing the reference's functions."""
-        return traced(self.externals, lambda given: forward_outputs(self.forest, given), "status", _SOLUTION)
-
-    def results(self, batch: int | None) -> CompiledForestResult:
-        """Return new memory for the results of one system, or of a batch."""
-        return CompiledForestResult(self.forest, self.calls.layout, batch)
-
-    def shown(self, results: Any) -> Any:
-        """Return what a user gets of the results in memory: the results."""
-        return results
-
-    def only_array(self, results: Any) -> None:
-        """Return None, as there are several results."""
-
-    @property
-    def subject(self) -> str:
-        """What it is about, for descriptions."""
-        return repr(self.forest)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to unpickle the object: its machine code is loaded from the cache or compiled again."""
-        return CompiledForest, (self.forest, self.parameters, self.progress)
-
-    def __repr__(self) -> str:
-        """Return the forest."""
-        return f"<CompiledForest of {self.forest!r}>"
-
-    def _refuse(self, found: Mapping[str, Array]) -> None:
-        """Raise the error of the reference for one system without an answer."""
-        for name, x in found.items():
-            if not np.isfinite(x).all():
-                raise StateError(f"{name}: expected finite numbers, got {x[~np.isfinite(x)][0]}")
-        wrenches = found.get("link_wrench")
-        forest_dynamics(self.forest, found["q"], found["qd"], found["tau"], wrenches, check=False)
-        worst = float(np.abs(found["q"]).max())
-        raise StateError(f"q: expected angles of at most {arrays.LARGEST_ARGUMENT:g} rad, got {worst:.6g}")
+        own = {"object_pose": object_pose, "object_twist": object_twist}
+        none = np.zeros((0, 7)), np.zeros((0, 6))
+        if not self.chain.free_objects:
+            own = {k: empty if x is None else x for (k, x), empty in zip(own.items(), none, strict=True)}
+        return self.function({"q": q, "qd": qd, "tau": tau, **own, **further}, out, threads)
 
 
 def forward_outputs(forest: Forest, given: Given) -> dict[str, Any]:

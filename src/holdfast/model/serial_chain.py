@@ -11,7 +11,7 @@ from holdfast.model.closed_chain import ClosedChain
 # what such chains can be asked
 ANSWERED = (
     "close, forward_dynamics, its derivatives, inverse_dynamics, holding_torques, diagnose, energies, attach,"
-    " linearise, simulate, compile(chain.forest)"
+    " linearise, simulate, compile"
 )
 
 
@@ -44,4 +44,6 @@ def require_unused(**given: bool) -> None:
     """
     for name, used in given.items():
         if used:
-            raise MethodNotApplicable(f"{name}: expected its default for a chain that is answered as a forest")
+            raise MethodNotApplicable(
+                f"{name}: expected its default for a forest, or a chain that is answered as a forest"
+            )

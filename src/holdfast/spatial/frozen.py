@@ -20,7 +20,7 @@ and a `__post_init__` that converts what it is given, the constructor's argument
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING
+from dataclasses import MISSING, fields
 from functools import cached_property, partial
 from typing import Any, NoReturn, Protocol, Self, TypeVar
 
@@ -40,6 +40,10 @@ class Frozen:
     def __post_init__(self) -> None:
         """Freeze the arguments of the constructor; a class that converts them freezes them itself."""
         self.__setstate__(dict(vars(self)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields; cached properties, which may hold functions, are computed again."""
+        return {field.name: vars(self)[field.name] for field in fields(self)}  # type: ignore[arg-type]  # pyright: ignore
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         """Restore the attributes of a copy or a pickle, in which arrays are writeable."""

@@ -60,6 +60,8 @@ class ForestResult(Frozen):
 
     def __repr__(self) -> str:
         """Return the method, rank, condition and status, on one line."""
+        if self.qdd.ndim > 1:
+            return f"<{type(self).__name__} by {self.method}: {len(self.qdd)} systems>"
         head = f"{type(self).__name__} by {self.method}: rank {self.rank}, mobility {self.mobility}"
         return f"<{head}, condition {self.condition:.4g}; {self.status.value}>"
 

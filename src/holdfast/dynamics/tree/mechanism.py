@@ -60,6 +60,8 @@ class MechanismResult(Frozen):
 
     def __repr__(self) -> str:
         """Return the method, rank, condition and status, and the wrench of each grasp and loop on a line."""
+        if self.qdd.ndim > 1:
+            return f"<{type(self).__name__} by {self.method}: {len(self.qdd)} systems of {', '.join(self.chain.names)}>"
         head = f"{type(self).__name__} by {self.method}: rank {self.rank}, mobility {self.mobility}, condition"
         lines = [f"{head} {self.condition:.4g}; {self.status.value}"]
         for name, wrench in self.wrenches.items():
@@ -69,7 +71,7 @@ class MechanismResult(Frozen):
     @frozen_property
     def wrenches(self) -> Mapping[Any, Array]:
         """The rows of `grasp_wrench` by the keys of the chain's grasps and loops."""
-        return FrozenDict({key: self.grasp_wrench[i] for key, i in self.chain.as_forest.closures.items()})
+        return FrozenDict({key: self.grasp_wrench[..., i, :] for key, i in self.chain.as_forest.closures.items()})
 
     @frozen_property
     def accelerations(self) -> Mapping[str, Array]:
@@ -81,7 +83,7 @@ class MechanismResult(Frozen):
 
         The wrench of a grasp that has only an arm's name is `wrenches[name]`.
         """
-        parts = {**self.wrenches, **{arm: self.qdd[part] for arm, part in self.chain.joints.items()}}
+        parts = {**self.wrenches, **{arm: self.qdd[..., part] for arm, part in self.chain.joints.items()}}
         parts |= self.accelerations
         if name not in parts:
             raise KeyError(f"no {name!r}.{checks.did_you_mean(str(name), map(str, parts))}")

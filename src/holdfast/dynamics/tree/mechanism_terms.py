@@ -58,7 +58,7 @@ def mechanism_arguments(
     torque = np.zeros(chain.joint_count) if tau is None else tau
     torque = checks.numbers(torque, (chain.joint_count,), "tau", StateError)
     given, forest = shaped_inputs(chain, inputs), chain.as_forest.forest
-    _require_passive(chain, torque)
+    require_passive(chain, torque)
     drives = np.zeros(forest.velocity_count)
     drives[joint_rows(chain)] = torque
     return ForestArguments(
@@ -147,20 +147,24 @@ def chain_state(chain: ClosedChain, q: Array, qd: Array) -> State:
     )
 
 
-def _of_objects(chain: ClosedChain) -> tuple[slice, tuple[int, ...]]:
-    """Return the rows of the objects among the bodies, and how many there are if there is not one."""
-    count, last = len(chain.free_objects), len(chain.as_forest.forest.bodies)
-    return slice(last - count, last), () if count == 1 else (count,)
+def require_passive(chain: ClosedChain, tau: Array) -> None:
+    """Refuse torques of passive joints.
 
-
-def _require_passive(chain: ClosedChain, tau: Array) -> None:
-    """Refuse torques of passive joints."""
+    Raises:
+        StateError: naming one.
+    """
     at = 0
     for name, joint in zip(chain.joint_names(), chain.all_joints, strict=True):
         own = tau[at : at + joint.type.freedoms]
         if not joint.actuated and own.any():
             raise StateError(f"tau: joint '{name}' is passive; expected 0, got {checks.short(own.tolist())}")
         at += joint.type.freedoms
+
+
+def _of_objects(chain: ClosedChain) -> tuple[slice, tuple[int, ...]]:
+    """Return the rows of the objects among the bodies, and how many there are if there is not one."""
+    count, last = len(chain.free_objects), len(chain.as_forest.forest.bodies)
+    return slice(last - count, last), () if count == 1 else (count,)
 
 
 def _wrenches(chain: ClosedChain, given: Inputs) -> Array:

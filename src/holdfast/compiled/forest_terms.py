@@ -1,0 +1,179 @@
+"""The arrays of a forest's forward dynamics in machine code, in the terms of the forest or of its chain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from holdfast.compiled.result import SolvedResults
+from holdfast.compiled.traced_chain import Given
+from holdfast.dynamics.tree.forest_dynamics import ForestResult, forest_dynamics
+from holdfast.dynamics.tree.mechanism import MechanismResult, mechanism_dynamics
+from holdfast.dynamics.tree.mechanism_terms import chain_arguments, chain_results, driven_joints, require_passive
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.forest import Forest
+from holdfast.questions.arrays import FLOATING, FLOATING_RESULT, Shape, state_fields
+from holdfast.spatial.frozen import frozen_property
+from holdfast.spatial.scalar import Array, array, concatenate, where
+from holdfast.state import Inputs, State
+
+
+class CompiledForestResult(SolvedResults, ForestResult):  # pyright: ignore[reportIncompatibleVariableOverride]
+    """A `ForestResult` of one system or a batch, whose arrays are written by machine code.
+
+    For a batch every array has a leading axis, and `rank`, `status`, `mobility` and `condition` are arrays as well.
+    If the forces are not unique (`INDETERMINATE_FORCES`), they are one of the solutions, not the smallest ones.
+    The accelerations of all bodies are not among them. A call with `out=result` overwrites the result.
+    """
+
+    method = "sequential"
+
+    @property
+    def forest(self) -> Forest:  # type: ignore[override]
+        """The forest."""
+        return self.chain
+
+    @property
+    def mobility(self) -> Any:  # type: ignore[override]
+        """n_v minus the rank."""
+        return self.forest.velocity_count - self.rank
+
+
+class CompiledMechanismResult(SolvedResults, MechanismResult):  # pyright: ignore[reportIncompatibleVariableOverride]
+    """A `MechanismResult` of one system or a batch, whose arrays are written by machine code.
+
+    For a batch every array has a leading axis, and `rank`, `status`, `mobility` and `condition` are arrays as well.
+    If the forces are not unique (`INDETERMINATE_FORCES`), they are one of the solutions, not the smallest ones.
+    It has no `bodies`. A call with `out=result` overwrites the result.
+    """
+
+    method = "sequential"
+
+    @property
+    def mobility(self) -> Any:  # type: ignore[override]
+        """Dimension of the space of velocities that closures and couplings allow."""
+        return self.chain.as_forest.forest.velocity_count - self.rank
+
+    @property
+    def base_acceleration(self) -> Array | None:  # type: ignore[override]
+        """(6,) [omega_dot; v_dot] of a floating base's origin; None without one."""
+        return self.array(FLOATING_RESULT) if FLOATING_RESULT in self.layout.shapes else None
+
+    @frozen_property
+    def accelerations(self) -> Mapping[str, Array]:
+        """The accelerations of the objects by name, (6,)."""
+        names, found = [*self.chain.free_objects], self.array("object_acceleration")
+        return {name: found if len(names) == 1 else found[..., k, :] for k, name in enumerate(names)}
+
+
+class ForestTerms(NamedTuple):
+    """What machine code of forward dynamics reads and writes, and what that is of the forest.
+
+    Attributes:
+        subject: the forest, or the chain.
+        forest: the forest.
+        inputs: shapes of the arrays of a call, in order.
+        further: shapes of those that are zero unless they are given.
+        outputs: shapes of the results, without rank, status and condition.
+        arguments: returns the arguments of the forest by name, of the traced arrays.
+        results: returns the results, of those of the forest.
+        require: refuses arrays of one system or a batch that are no inputs.
+        refuse: raises the error of the reference for one system, if it has one.
+        made: the class of the results.
+    """
+
+    subject: Any
+    forest: Forest
+    inputs: Mapping[str, Shape]
+    further: Mapping[str, Shape]
+    outputs: Mapping[str, Shape]
+    arguments: Callable[[Given], dict[str, Array]]
+    results: Callable[[Mapping[str, Array]], dict[str, Array]]
+    require: Callable[[Mapping[str, Array]], None]
+    refuse: Callable[[Mapping[str, Array]], object]
+    made: type[CompiledForestResult | CompiledMechanismResult]
+
+
+def forest_terms(forest: Forest, parameters: Sequence[str]) -> ForestTerms:
+    """Return the arrays of a forest in its own terms; `parameters` may have "link_wrench"."""
+    n, wrenches = (forest.velocity_count,), (len(forest.bodies), 6)
+
+    def refuse(found: Mapping[str, Array]) -> None:
+        forest_dynamics(forest, found["q"], found["qd"], found["tau"], found.get("link_wrench"), check=False)
+
+    return ForestTerms(
+        forest,
+        forest,
+        {"q": (forest.position_count,), "qd": n, "tau": n},
+        {"link_wrench": wrenches} if "link_wrench" in parameters else {},
+        {"qdd": n, "closure_wrench": (len(forest.closures), 6), "coupling_force": (len(forest.couplings),)},
+        dict,
+        dict,
+        lambda found: None,
+        refuse,
+        CompiledForestResult,
+    )
+
+
+def chain_terms(chain: ClosedChain, parameters: Sequence[str]) -> ForestTerms:
+    """Return the arrays of a chain's forest in the terms of the chain; `parameters` may have "link_wrench"."""
+    forest, places, results = chain.as_forest.forest, chain_arguments(chain), chain_results(chain)
+    count = len(chain.free_objects)
+    several = () if count == 1 else (count,)
+    n, driven = chain.joint_count, driven_joints(chain)
+    inputs: dict[str, Shape] = {"q": (forest.position_count - 7 * (count + chain.floats),), "qd": (n,), "tau": (n,)}
+    inputs |= {"object_pose": (*several, 7), "object_twist": (*several, 6)}
+    inputs |= dict(zip(FLOATING, ((7,), (6,)), strict=True)) if chain.floats else {}
+    names = ["object_wrench", *(("link_wrench", "trunk_link_wrench") if "link_wrench" in parameters else ())]
+    further = {name: places[name].shape for name in names if name in places}
+
+    def flat(given: Given, floating: str, of_joints: str, of_objects: str) -> Array:
+        parts = [given[floating]] if chain.floats else []
+        return concatenate([*parts, given[of_joints], given[of_objects].ravel()])
+
+    def arguments(given: Given) -> dict[str, Array]:
+        tau = array(
+            [x if has else where(abs(x) <= 0.0, 0.0, np.nan) for x, has in zip(given["tau"], driven, strict=True)]
+        )
+        found = {
+            "q": flat(given, FLOATING[0], "q", "object_pose"),
+            "qd": flat(given, FLOATING[1], "qd", "object_twist"),
+        }
+        found["tau"] = concatenate([np.zeros(6 * chain.floats), tau.reshape(n), np.zeros(6 * count)])
+        found["link_wrench"] = np.zeros((len(forest.bodies), 6), dtype=object)
+        for name in further:
+            place = places[name]
+            found["link_wrench"][place.rows] = given[name].reshape(-1, 6)
+        return found
+
+    def from_forest(found: Mapping[str, Array]) -> dict[str, Array]:
+        free = found["qdd"][len(found["qdd"]) - 6 * count :].reshape(-1, 6)
+        base = np.zeros((len(forest.bodies), 6), dtype=object)
+        base[len(base) - count :] = free
+        base[:1] = found["qdd"][:6] if chain.floats else base[:1]
+        return {name: place.of({**found, "acceleration": base}) for name, place in results.items()}
+
+    def refuse(found: Mapping[str, Array]) -> None:
+        state = State(**{field: found[name] for name, field in state_fields(chain).items()})
+        wrenches = {f"{name}es": found[name] for name in further if name != "object_wrench" and name in found}
+        given = Inputs(object_wrench=found.get("object_wrench"), **wrenches)
+        mechanism_dynamics(chain, state, found["tau"], given, check=False)
+
+    def require(found: Mapping[str, Array]) -> None:
+        worst = np.abs(found["tau"]).max(axis=tuple(range(found["tau"].ndim - 1)), initial=0.0)
+        require_passive(chain, worst)
+
+    return ForestTerms(
+        chain,
+        forest,
+        inputs,
+        further,
+        {name: place.shape for name, place in results.items()},
+        arguments,
+        from_forest,
+        require,
+        refuse,
+        CompiledMechanismResult,
+    )
