@@ -13,7 +13,7 @@ from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
-    "ClosedChain", "close", "compile", "control.GravityCompensation",
+    "ClosedChain", "close", "compile", "control.GravityCompensation", "control.ObjectTracking",
     "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
     "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
     "dynamics.power", "dynamics.release", "forward_dynamics", "forward_dynamics_jacobian",
@@ -29,6 +29,7 @@ RESULTS = {
 }  # fmt: skip
 # of arguments with defaults, those that only chains with branches need
 BESIDE = {
+    "control.ObjectTracking": {"path": hf.control.RestToRest(hf.Pose.identity())},
     "dynamics.attach": {"name": ("arm2", "pad1"), "grasp": hf.Grasp("ball"), "here": True},
     "dynamics.momentum_rate": {"result": hf.forward_dynamics(*two_arms_with_grippers())},
     "dynamics.power": {"result": hf.forward_dynamics(*two_arms_with_grippers())},

@@ -8,6 +8,7 @@ import pytest
 import holdfast as hf
 from holdfast.compiled.forest_engine import CompiledForestEngine
 from holdfast.dynamics.tree.forest_closing import forest_close
+from holdfast.dynamics.tree.forest_inverse import inverse_at
 from holdfast.dynamics.tree.forest_projection import closing_round
 from holdfast.dynamics.tree.forest_simulate import ForestReference, forest_steps
 from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced
@@ -90,3 +91,18 @@ def test_refusals_are_those_of_the_reference():
     for steps in (10, 60):
         with pytest.raises(hf.errors.StateError, match="overflow"):
             hf.simulate(chain, state, lambda t, state, memory: (1e306 * np.sign(tau), memory), steps * 1e-3, 1e-3)
+
+
+@pytest.mark.parametrize("seed", mostly_slow(SEEDS, (2,)))
+def test_inverse(seed):
+    """Inverse dynamics by machine code: the terms and loads of the reference."""
+    p = random_forest(seed)
+    given = ForestArguments(p.forest, p.q, p.qd, p.tau, p.wrenches)
+    coded, reference = CompiledForestEngine(p.forest).inverse(given), inverse_at(given)
+    assert coded is not None
+    for ours, theirs in zip(coded.terms, reference.terms, strict=True):
+        assert gap(ours, theirs) < 1e-12
+    qdd = np.random.default_rng(seed).normal(size=len(p.qd))
+    assert gap(coded.loads(qdd), reference.loads(qdd)) < 1e-12
+    other = random_forest(seed + 1).forest
+    assert CompiledForestEngine(other).inverse(given) is None

@@ -50,7 +50,6 @@ from holdfast.spatial.scalar import Array, array, concatenate, maximum, where
 if TYPE_CHECKING:
     from holdfast.compiled.function import Function
 
-INPUTS = ("q", "qd", "tau")
 _OF_STATUS = ("rank", "status", "condition")
 
 

@@ -2,38 +2,30 @@
 
 from __future__ import annotations
 
-import secrets
-from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.computation import Computation
-from holdfast.compiled.forest import INPUTS, forward_outputs, with_constant_arms, with_constants
-from holdfast.compiled.kernels import kernel
+from holdfast.compiled.forest import forward_outputs, with_constant_arms, with_constants
+from holdfast.compiled.forest_code import ForestCode
 from holdfast.compiled.result import INDETERMINATE, OK
-from holdfast.compiled.traced_chain import Given, externals, traced
-from holdfast.compiler.kernel import Bound
+from holdfast.compiled.traced_chain import Given
 from holdfast.dynamics.tree.forest_balance import kinetic_energy, potential_energy, power_into
 from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
+from holdfast.dynamics.tree.forest_inverse import InverseAt, InverseTerms, inverse_terms, loads_for
+from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_projection import ClosingRound, closing_round
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
 from holdfast.dynamics.tree.forest_simulate import ForestAccount, ForestInstant, ForestReference
 from holdfast.dynamics.tree.varied_forest import ForestArguments, position_rates
-from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.forest import Forest
 from holdfast.questions.arrays import Shape
 from holdfast.spatial.scalar import Array, array
 
 LONGEST_FORCES = 200_000  # operations of the smallest forces above which they are left to NumPy
-
-
-class _Structure(NamedTuple):
-    """What names machine code of a forest."""
-
-    chain: Forest
-    key: str
+_FORCES = ("closure_wrench", "coupling_force")
+_ACCOUNT = ("position_gap", "velocity_gap", "kinetic", "potential")
 
 
 class CompiledForestEngine:
@@ -50,7 +42,7 @@ class CompiledForestEngine:
 
     def instant(self, given: ForestArguments) -> ForestInstant:
         """See `ForestEngine`."""
-        x = self._run(self._dynamics, q=given.q, qd=given.qd, tau=given.tau, link_wrench=given.wrenches)
+        x = self._dynamics(q=given.q, qd=given.qd, tau=given.tau, link_wrench=given.wrenches)
         status, rank = int(x["status"]), int(x["rank"])
         self.rank = rank if self.rank is None and status <= INDETERMINATE else self.rank
         if status > INDETERMINATE or rank != self.rank or given.under or given.behind:
@@ -60,7 +52,7 @@ class CompiledForestEngine:
 
     def closing(self, q: Array, qd: Array) -> ClosingRound:
         """See `ForestEngine`."""
-        x = self._run(self._closing, q=q, qd=qd)
+        x = self._closing(q=q, qd=qd)
         gaps = float(x["position_gap"]), float(x["velocity_gap"])
         return ClosingRound(x["closed_q"].copy(), x["closed_qd"].copy(), *gaps, float(x["rank"]))
 
@@ -68,11 +60,26 @@ class CompiledForestEngine:
         """See `ForestEngine`."""
         if not now.unique and self._costly:
             return self._reference.account(given, self._reference.instant(given))
-        code = self._account if now.unique else self._account_of_smallest
-        forces = {} if now.unique else {"closure_wrench": now.closure_wrench, "coupling_force": now.coupling_force}
-        x = self._run(code, q=given.q, qd=given.qd, **forces)
-        wrench, force = (now.closure_wrench, now.coupling_force) if now.unique else (x[f"least_{n}"] for n in forces)
-        return ForestAccount(wrench.copy(), force.copy(), *(float(x[name]) for name in (*_GAPS, *_ENERGIES)))
+        forces = {name: getattr(now, name) for name in _FORCES}
+        if now.unique:
+            x = self._account(q=given.q, qd=given.qd)
+        else:
+            x = self._account_of_smallest(q=given.q, qd=given.qd, **forces)
+            forces = {name: x[f"least_{name}"].copy() for name in _FORCES}
+        numbers: dict[str, Any] = {name: float(x[name]) for name in _ACCOUNT}
+        return ForestAccount(**forces, **numbers)
+
+    def inverse(self, given: ForestArguments) -> InverseAt | None:
+        """Return inverse dynamics by machine code; None of another forest, or if bases move. See `inverse_code`."""
+        if given.forest is not self.forest or given.under or given.behind:
+            return None
+        x = self._inverse(q=given.q, qd=given.qd)
+        terms = InverseTerms(*(x[f"terms_{name}"].copy() for name in InverseTerms._fields))
+
+        def loads(qdd: Array) -> Array:
+            return self._loads(q=given.q, qd=given.qd, qdd=qdd, link_wrench=given.wrenches)["loads"].copy()
+
+        return InverseAt(terms, loads)
 
     @property
     def _costly(self) -> bool:
@@ -80,92 +87,84 @@ class CompiledForestEngine:
         forest = self.forest
         return 4 * (self.rank or 0) * forest.velocity_count * forest.constraint_row_count > LONGEST_FORCES
 
-    @staticmethod
-    def _run(code: Bound, **given: Array) -> Mapping[str, Array]:
-        for name, x in given.items():
-            code.arrays[name][...] = x
-        code.run()
-        return code.arrays
+    def _arguments(self, given: Given) -> ForestArguments:
+        """Return traced arguments; those that are not given are zero."""
+        forest, none = with_constants(self.forest), 0.0 * given["qd"]
+        wrenches = given.get("link_wrench", np.zeros((len(forest.bodies), 6)))
+        return ForestArguments(forest, given["q"], given["qd"], given.get("tau", none), wrenches)
 
     @cached_property
-    def _dynamics(self) -> Bound:
-        def outputs(given: Given) -> dict[str, Any]:
-            forest = with_constants(self.forest)
-            at = ForestArguments(forest, given["q"], given["qd"], given["tau"], given["link_wrench"])
-            rates, power = position_rates(forest, at.q, at.qd), array(power_into(at, at.motion({})))
+    def _dynamics(self) -> ForestCode:
+        def function(given: Given) -> dict[str, Any]:
+            at = self._arguments(given)
+            rates, power = position_rates(at.forest, at.q, at.qd), array(power_into(at, at.motion({})))
             return forward_outputs(self.forest, given) | {"q_rates": rates, "power": power}
 
-        inputs, solution = (*INPUTS, "link_wrench"), ("qdd", "closure_wrench", "coupling_force")
-        return self._made("dynamics", inputs, (*solution, "q_rates", "power", "rank", "status", "condition"), outputs)
-
-    @cached_property
-    def _closing(self) -> Bound:
-        def outputs(given: Given) -> dict[str, Any]:
-            forest = with_constants(self.forest)
-            found = closing_round(forest, given["q"], given["qd"], with_constant_arms(self.forest))
-            return dict(zip(("closed_q", "closed_qd", *_GAPS, "rank"), found, strict=True))
-
-        return self._made("closing", ("q", "qd"), ("closed_q", "closed_qd", *_GAPS, "rank"), outputs)
-
-    @cached_property
-    def _account(self) -> Bound:
-        def outputs(given: Given) -> dict[str, Any]:
-            return _account_of(self.forest, given)
-
-        return self._made("account", ("q", "qd"), (*_GAPS, *_ENERGIES), outputs)
-
-    @cached_property
-    def _account_of_smallest(self) -> Bound:
-        rank = self.rank or 0
-
-        def outputs(given: Given) -> dict[str, Any]:
-            motion = ForestArguments(
-                with_constants(self.forest), given["q"], given["qd"], 0.0 * given["qd"], self._no_wrenches
-            ).motion({})
-            forces = [*given["closure_wrench"]], [*given["coupling_force"]]
-            wrenches, multipliers = least_forces(motion, forest_rows(motion), *forces, rank)
-            least = {"least_closure_wrench": array(wrenches), "least_coupling_force": array(multipliers)}
-            return least | _account_of(self.forest, given)
-
-        forces = ("closure_wrench", "coupling_force")
-        outgoing = (*(f"least_{name}" for name in forces), *_GAPS, *_ENERGIES)
-        return self._made(f"account/{rank}", ("q", "qd", *forces), outgoing, outputs)
-
-    @property
-    def _no_wrenches(self) -> Array:
-        return np.zeros((len(self.forest.bodies), 6))
-
-    def _made(
-        self, name: str, inputs: tuple[str, ...], outgoing: tuple[str, ...], outputs: Callable[[Given], dict[str, Any]]
-    ) -> Bound:
-        """Return the machine code of a function of the forest with arrays of its own."""
         forest = self.forest
-        wrench, force = (len(forest.closures), 6), (len(forest.couplings),)
-        shapes: dict[str, Shape] = dict.fromkeys(("q", "q_rates", "closed_q"), (forest.position_count,))
-        shapes |= dict.fromkeys(("qd", "tau", "qdd", "closed_qd"), (forest.velocity_count,))
-        shapes |= {"link_wrench": (len(forest.bodies), 6), "power": (4,)}
-        shapes |= {"closure_wrench": wrench, "least_closure_wrench": wrench}
-        shapes |= {"coupling_force": force, "least_coupling_force": force}
-        found = externals(inputs, (), outgoing, {**dict.fromkeys(outgoing, ()), **shapes})
-        guarded = ("qdd", "closure_wrench", "coupling_force") if "status" in outgoing else ()
+        outputs: dict[str, Shape] = {"qdd": (forest.velocity_count,), "closure_wrench": (len(forest.closures), 6)}
+        outputs |= {"coupling_force": (len(forest.couplings),), "q_rates": (forest.position_count,), "power": (4,)}
+        outputs |= dict.fromkeys(("rank", "status", "condition"), ())
+        inputs = ("q", "qd", "tau", "link_wrench")
+        return ForestCode(forest, "dynamics", inputs, outputs, function, ("qdd", *_FORCES))
 
-        def schedule() -> Any:
-            return traced(found, outputs, "status" if "status" in outgoing else None, guarded)
+    @cached_property
+    def _closing(self) -> ForestCode:
+        def function(given: Given) -> dict[str, Any]:
+            arms = with_constant_arms(self.forest)
+            found = closing_round(with_constants(self.forest), given["q"], given["qd"], arms)._asdict()
+            return found | {f"closed_{name}": found.pop(name) for name in ("q", "qd")}
 
-        key = f"{exact_fingerprint(forest) or secrets.token_hex()}/{name}"
-        structure: Any = _Structure(forest, key)
-        return kernel(Computation("forest", structure, found, schedule, inputs)).bind()
+        sizes = {"closed_q": (self.forest.position_count,), "closed_qd": (self.forest.velocity_count,)}
+        outputs = sizes | dict.fromkeys(("position_gap", "velocity_gap", "rank"), ())
+        return ForestCode(self.forest, "closing", ("q", "qd"), outputs, function)
+
+    @cached_property
+    def _account(self) -> ForestCode:
+        def function(given: Given) -> dict[str, Any]:
+            return _account_of(self._arguments(given).motion({}), given)
+
+        return ForestCode(self.forest, "account", ("q", "qd"), dict.fromkeys(_ACCOUNT, ()), function)
+
+    @cached_property
+    def _account_of_smallest(self) -> ForestCode:
+        forest, rank = self.forest, self.rank or 0
+
+        def function(given: Given) -> dict[str, Any]:
+            motion = self._arguments(given).motion({})
+            wrenches, forces = [*given["closure_wrench"]], [*given["coupling_force"]]
+            found = least_forces(motion, forest_rows(motion), wrenches, forces, rank)
+            least = {f"least_{name}": array(x) for name, x in zip(_FORCES, found, strict=True)}
+            return least | _account_of(motion, given)
+
+        outputs: dict[str, Shape] = {"least_closure_wrench": (len(forest.closures), 6), **dict.fromkeys(_ACCOUNT, ())}
+        outputs |= {"least_coupling_force": (len(forest.couplings),)}
+        return ForestCode(forest, f"account/{rank}", ("q", "qd", *_FORCES), outputs, function)
+
+    @cached_property
+    def _inverse(self) -> ForestCode:
+        forest = self.forest
+        rows, n = forest.constraint_row_count, forest.velocity_count
+        shapes = {"K": (rows - len(forest.couplings), 6), **dict.fromkeys(("G", "on_qd", "E"), (rows, n))}
+        shapes |= {"r": (rows,), "C": (rows, rows), "unit": (n,), "normals": (len(forest.closures), 3)}
+
+        def function(given: Given) -> dict[str, Any]:
+            terms = inverse_terms(self._arguments(given).motion({}))
+            return {f"terms_{name}": x for name, x in terms._asdict().items()}
+
+        outputs = {f"terms_{name}": shape for name, shape in shapes.items()}
+        return ForestCode(forest, "inverse", ("q", "qd"), outputs, function)
+
+    @cached_property
+    def _loads(self) -> ForestCode:
+        def function(given: Given) -> dict[str, Any]:
+            return {"loads": loads_for(self._arguments(given).motion({}), given["qdd"])}
+
+        inputs, outputs = ("q", "qd", "qdd", "link_wrench"), {"loads": (self.forest.velocity_count,)}
+        return ForestCode(self.forest, "loads", inputs, outputs, function)
 
 
-_GAPS = ("position_gap", "velocity_gap")
-_ENERGIES = ("kinetic", "potential")
-
-
-def _account_of(forest: Forest, given: Given) -> dict[str, Any]:
+def _account_of(motion: ForestMotion, given: Given) -> dict[str, Any]:
     """Return gaps and energies."""
-    made, q, qd = with_constants(forest), given["q"], given["qd"]
-    motion = ForestArguments(made, q, qd, 0.0 * qd, np.zeros((len(forest.bodies), 6))).motion({})
-    gaps = position_gaps(motion, q).largest, velocity_gaps(motion, qd).largest
-    return dict(
-        zip((*_GAPS, *_ENERGIES), (*gaps, kinetic_energy(motion, qd), potential_energy(motion, q)), strict=True)
-    )
+    gaps = position_gaps(motion, given["q"]).largest, velocity_gaps(motion, given["qd"]).largest
+    energies = kinetic_energy(motion, given["qd"]), potential_energy(motion, given["q"])
+    return dict(zip(_ACCOUNT, (*gaps, *energies), strict=True))

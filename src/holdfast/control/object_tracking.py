@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self, cast
 
@@ -14,14 +14,17 @@ from holdfast.control.controller import by_machine_code, known_breakpoints
 from holdfast.control.law_parts import LawInput, NullMotion
 from holdfast.control.paths import ObjectPath, Target, path_function, pose_error
 from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.tree.mechanism_inverse import mechanism_holding
+from holdfast.errors import ModelError
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import serial_chain
+from holdfast.model.serial_chain import answered_as_forest, require_unused
 from holdfast.names import called
-from holdfast.spatial.frozen import Frozen, frozen_property
-from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State, require_fit
+from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, array
+from holdfast.state import Inputs, State, require_fit, require_state
 
 
 @called
@@ -35,9 +38,13 @@ class ObjectTracking(Frozen):
     damped or follow a `posture`; a floating base moves as the wrenches on it require. Within `limits` the torques are
     those of `cooperative_law`, and the internal force is a wish.
 
+    A chain with branches, loops, couplings or several objects has a path for every object, neither posture nor limits,
+    and a floating base that is to stay where it is; passive joints have no torques.
+
     Attributes:
         chain: the controller's model of the chain.
-        path: function of t [s] that returns the target, or a path object, whose method `at` is used.
+        path: function of t [s] that returns the target, or a path object, whose method `at` is used; of several objects
+            a mapping from their names.
         internal_force: push of every arm along its contact normal into the object [N].
         stiffness: gain of the pose error [1/s^2].
         damping: gain of the twist error [1/s]; 2 sqrt(stiffness) is critical.
@@ -48,7 +55,7 @@ class ObjectTracking(Frozen):
     """
 
     chain: ClosedChain
-    path: Callable[[float], Target] | ObjectPath
+    path: Callable[[float], Target] | ObjectPath | Mapping[str, Callable[[float], Target] | ObjectPath]
     internal_force: float = 0.0
     stiffness: float = 100.0
     damping: float = 20.0
@@ -59,11 +66,13 @@ class ObjectTracking(Frozen):
     traceable: ClassVar[bool] = True  # can be compiled to machine code if the path is traceable
 
     def __post_init__(self) -> None:
-        serial_chain(self.chain, "object tracking: chain")
-        object.__setattr__(self, "path", path_function(self.path, "object tracking: path"))
+        checks.instance(self.chain, ClosedChain, "object tracking: chain")
+        object.__setattr__(self, "path", self._paths())
         for name in ("internal_force", "stiffness", "damping", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"object tracking: {name}"))
         checks.instance(self.posture, (NullMotion, type(None)), "object tracking: posture")
+        if answered_as_forest(self.chain):
+            require_unused(posture=self.posture is not None, limits=self.limits is not None, cost=self.cost is not None)
         if self.posture is not None:
             self.posture.require(self.chain)
         _ = self.within  # which refuses what does not fit
@@ -71,7 +80,8 @@ class ObjectTracking(Frozen):
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which its torques jump [s], as far as they are known in advance."""
-        return known_breakpoints(self.path, self.posture)
+        paths = self.path.values() if isinstance(self.path, Mapping) else [self.path]
+        return known_breakpoints(*paths, self.posture)
 
     def for_chain(self, chain: ClosedChain) -> Self:
         """Return the controller for a chain whose grasps have changed."""
@@ -85,6 +95,11 @@ class ObjectTracking(Frozen):
         Raises:
             StateError: they overflow, or the state is none of the chain.
         """
+        if answered_as_forest(self.chain):
+            require_state(self.chain, state)
+            wished = -self.joint_damping * state.qd
+            wanted = self.commanded_acceleration(t, state)
+            return mechanism_holding(self.chain, state, wanted, self.internal_force, wished, check=False), memory
         require_fit(self.chain, state)
         found = by_machine_code(self, t, state, memory)
         if found is not None:
@@ -104,12 +119,29 @@ class ObjectTracking(Frozen):
 
     @np.errstate(all="ignore")  # what overflows is refused
     def commanded_acceleration(self, t: float, state: State) -> Array:
-        """Return the commanded [omega_dot; v_dot] of C, (6,) world axes.
+        """Return the commanded [omega_dot; v_dot] of C, (6,) world axes, or (k, 6) of k objects.
 
         Raises:
             StateError: it overflows.
         """
-        target = cast(Callable[[float], Target], self.path)(t)
-        error = pose_error(target.pose, state.object_frame)
-        found = target.acceleration + self.damping * (target.twist - state.object_twist) + self.stiffness * error
-        return checks.finite(found, "object tracking: acceleration")
+        paths = self.path.values() if isinstance(self.path, Mapping) else [self.path]
+        one, found = state.object_twist.ndim == 1, []
+        frames = [state.object_frame] if one else map(Pose.unchecked_seven, state.object_pose)
+        for path, frame, twist in zip(paths, frames, state.object_twist.reshape(-1, 6), strict=True):
+            target = cast(Callable[[float], Target], path)(t)
+            error = pose_error(target.pose, frame)
+            found.append(target.acceleration + self.damping * (target.twist - twist) + self.stiffness * error)
+        return checks.finite(array(found).reshape(state.object_twist.shape), "object tracking: acceleration")
+
+    def _paths(self) -> Any:
+        """Return the path as a function of time, or those of several objects by name, in order."""
+        what, names = "object tracking: path", [*self.chain.free_objects]
+        if not isinstance(self.path, Mapping) and len(names) == 1:
+            return path_function(self.path, what)
+        if not isinstance(self.path, Mapping) or {*self.path} != {*names} or not names:
+            listed = f"a path for each of the objects {', '.join(names)}, by name"
+            wanted = listed if names else "a chain with an object"
+            got = f"{', '.join(map(str, self.path))}" if isinstance(self.path, Mapping) else "one path"
+            raise ModelError(f"{what}: expected {wanted}, got {got}")
+        found = {name: path_function(self.path[name], f"{what} of '{name}'") for name in names}
+        return FrozenDict(found) if len(names) > 1 else found[names[0]]

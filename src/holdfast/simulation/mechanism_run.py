@@ -9,6 +9,7 @@ import numpy as np
 
 from holdfast.compiled.forest_engine import CompiledForestEngine
 from holdfast.control.controller import torques_and_memory
+from holdfast.dynamics.tree.forest_inverse import inverse_code
 from holdfast.dynamics.tree.forest_simulate import ForestEngine, ForestReference, ForestSample, forest_steps
 from holdfast.dynamics.tree.mechanism_terms import chain_state, flat_state, joint_rows, mechanism_arguments
 from holdfast.dynamics.tree.varied_forest import ForestArguments
@@ -112,9 +113,10 @@ def mechanism_run(
     acting = _Acting(chain, controller, inputs)
     rows, stopped = [], None
     forest = chain.as_forest.forest
-    by_code = len(times) > STEPS_WORTH_COMPILING
-    engine: ForestEngine = CompiledForestEngine(forest) if by_code else ForestReference(forest)
+    code = CompiledForestEngine(forest) if len(times) > STEPS_WORTH_COMPILING else None
+    engine: ForestEngine = code or ForestReference(forest)
     steps = forest_steps(engine, forest, *flat_state(chain, state), acting, times)
+    token = inverse_code.set(code and code.inverse)
     try:
         for k, sample in enumerate(steps):
             if k % every == 0 or k + 1 == len(times):
@@ -123,6 +125,8 @@ def mechanism_run(
         if not rows:
             raise
         stopped = f"after {acting.begun:g} s: {cause}"
+    finally:
+        inverse_code.reset(token)
     columns = zip(*rows, strict=True)
     return MechanismRun(chain, *(None if x[0] is None else np.array(x) for x in columns), stopped=stopped)  # pyright: ignore
 

@@ -10,7 +10,10 @@ M qdd + h is the derivative of the virtual power by the joint rates (`virtual_po
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,13 +26,13 @@ from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, reach, turning, weighed_rows
 from holdfast.dynamics.tree.varied_forest import ForestArguments
-from holdfast.dynamics.tree.virtual_power import ForestUnknowns, along_rows, carried, outputs, residual
+from holdfast.dynamics.tree.virtual_power import ForestUnknowns, residual
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.forest import Forest
+from holdfast.model.forest import Closure, Forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, array, concatenate
 
 TRANSMITTED = 1e-9  # largest part of a wanted wrench, relative to it, that its closure does not transmit
 MISSING = 1e-8  # a passive load that is left over, relative to all passive loads, cannot be carried
@@ -100,45 +103,120 @@ def torques_for(given: ForestArguments, qdd: ArrayLike, near: Array, check: bool
     """
     forest = given.forest
     wanted = checks.numbers(qdd, (forest.velocity_count,), "qdd", StateError)
-    motion = given._replace(tau=0.0 * given.tau).motion({})
-    rates = _at_points(motion, wanted)
+    at = inverse_at(given)
     if check:
-        require_closed(motion, given.q, given.qd)
-        _require_possible(motion, rates)
-    none = ForestUnknowns(rates, [np.zeros(len(c.K)) for c in motion.closures], np.zeros(len(motion.coupled)))
-    needed = checks.finite(residual(motion, none)[: forest.velocity_count], "inverse dynamics")
+        require_closed(given.motion({}), given.q, given.qd)
+        require_possible(forest, at.terms, wanted)
+    return driving_torques(forest, at.terms, at.loads(wanted), wanted_forces(forest, at.terms, near))
+
+
+class InverseTerms(NamedTuple):
+    """What inverse dynamics needs to know of a forest besides the loads; rates of free bodies about mass centres.
+
+    Attributes:
+        K: (rows of closures, 6) transmitted directions at the contact points.
+        G: (rows, n_v) rows of closures and couplings.
+        on_qd: (rows, n_v) the same for the rates of frames, qd.
+        r: (rows,) right-hand sides, on_qd qdd = r.
+        E: (rows, n_v) C^-1 G.
+        C: (rows, rows) factor C C^T of the metric of forces.
+        unit: (n_v,) lengths of joint rates, the forest's reach for those that turn.
+        normals: (closures, 3) normals of the contacts, world axes.
+    """
+
+    K: Array
+    G: Array
+    on_qd: Array
+    r: Array
+    E: Array
+    C: Array
+    unit: Array
+    normals: Array
+
+
+class InverseAt(NamedTuple):
+    """Inverse dynamics of a forest at one state.
+
+    Attributes:
+        terms: what does not depend on accelerations.
+        loads: returns M qdd + h, (n_v,), of accelerations qdd.
+    """
+
+    terms: InverseTerms
+    loads: Callable[[Array], Array]
+
+
+# what finds the same by machine code in a run; None if it does not know the forest
+inverse_code: ContextVar[Callable[[ForestArguments], InverseAt | None] | None] = ContextVar(
+    "inverse_code", default=None
+)
+
+
+def inverse_at(given: ForestArguments) -> InverseAt:
+    """Return inverse dynamics at a state, of which the torques are not used."""
+    find = inverse_code.get()
+    if (found := find and find(given)) is not None:
+        return found
+    motion = given._replace(tau=0.0 * given.tau).motion({})
+    return InverseAt(inverse_terms(motion), lambda qdd: loads_for(motion, qdd))
+
+
+def inverse_terms(motion: ForestMotion) -> InverseTerms:
+    """Return what does not depend on accelerations."""
     rows = forest_rows(motion)
-    weighed = weighed_rows(motion, rows)
-    passive = ~driven(forest)
-    asked = _along(motion, near)
-    load = _least(motion, weighed.E.T[passive], (needed - rows.G.T @ asked)[passive])
+    weighed, n = weighed_rows(motion, rows), motion.forest.velocity_count
+    at_rest = concatenate([*_at_points(motion, np.zeros(n)), np.zeros(0)])
+    unit = array([reach(motion) if turns else 1.0 for turns in turning(motion)])
+    K = concatenate([c.K.ravel() for c in motion.closures] + [np.zeros(0)]).reshape(-1, 6)
     C = block_diagonal(weighed.factors)
-    force = asked + (np.linalg.solve(C.T, load) if len(C) else load)
-    left = needed - rows.G.T @ force
-    _require_carried(motion, passive, needed, left)
-    ends = np.cumsum([len(c.K) for c in motion.closures]).tolist()
-    *along, coupled = np.split(force, ends) if ends else [force]
-    z = none._replace(closures=along, couplings=coupled)
-    return ForestTorques(
-        np.where(passive, 0.0, left), outputs(motion, z, carried(motion, z.rates)).closure_wrench, coupled
-    )
+    normals = concatenate([c.contact.R[:, 2] for c in motion.closures] + [np.zeros(0)]).reshape(-1, 3)
+    return InverseTerms(K, rows.G, rows.on_qd(motion), rows.r - rows.G @ at_rest, weighed.E, C, unit, normals)
 
 
-def smallest_accelerations(motion: ForestMotion, given: Array, free: Array) -> Array:
-    """Return the smallest accelerations of some joints that agree with those of all else, (free,).
+def loads_for(motion: ForestMotion, qdd: Array) -> Array:
+    """Return M qdd + h, (n_v,), the derivative of the virtual power by the joint rates."""
+    rates = _at_points(motion, qdd)
+    none = ForestUnknowns(rates, [np.zeros(len(c.K)) for c in motion.closures], np.zeros(len(motion.coupled)))
+    return residual(motion, none)[: len(qdd)]
 
-    If none do, those that come closest are returned.
+
+def driving_torques(forest: Forest, terms: InverseTerms, loads: Array, asked: Array) -> ForestTorques:
+    """Return the torques of the drives, with the forces closest to wanted ones that carry all passive parts. O(n^3).
 
     Args:
-        motion: the forest's motion.
-        given: (n_v,) accelerations, zero for these joints.
+        forest: the forest.
+        terms: at its state.
+        loads: (n_v,) M qdd + h.
+        asked: (rows,) wanted forces along the rows.
+
+    Raises:
+        StateError: no forces can carry a passive part, or the numbers overflow.
+    """
+    needed, passive = checks.finite(loads, "inverse dynamics"), ~driven(forest)
+    load = _least(terms.E.T[passive], (needed - terms.G.T @ asked)[passive], terms.unit[passive])
+    force = asked + (np.linalg.solve(terms.C.T, load) if len(terms.C) else load)
+    left = needed - terms.G.T @ force
+    _require_carried(forest, passive, needed, left)
+    along, coupled = np.split(force, [len(terms.K)])
+    wrenches = np.zeros((len(forest.closures), 6))
+    np.add.at(wrenches, _closures_of_rows(forest), terms.K * along[:, None])
+    return ForestTorques(np.where(passive, 0.0, left), wrenches, coupled)
+
+
+def smallest_accelerations(terms: InverseTerms, given: Array, free: Array) -> Array:
+    """Return accelerations whose free ones are nearest to those given, and agree with all else, (n_v,).
+
+    If none agree, those that come closest are returned.
+
+    Args:
+        terms: at the forest's state.
+        given: (n_v,) accelerations, wished ones of the free joints.
         free: (n_v,) mask of these joints.
     """
-    rates = _at_points(motion, given)
-    closed, coupled = along_rows(motion, rates, carried(motion, rates))
-    left = [c.r - x for c, x in zip(motion.closures, closed, strict=True)]
-    missing = np.concatenate([*left, [r - x for r, x in zip(motion.coupled, coupled, strict=True)]])
-    return np.linalg.pinv(forest_rows(motion).on_qd(motion)[:, free], rcond=NULL_SINGULAR_VALUE) @ missing
+    found = given.copy()
+    inverse = np.linalg.pinv(terms.on_qd[:, free], rcond=NULL_SINGULAR_VALUE)
+    found[free] += inverse @ (terms.r - terms.on_qd @ given)
+    return found
 
 
 def _at_points(motion: ForestMotion, qdd: Array) -> list[Array]:
@@ -147,17 +225,44 @@ def _at_points(motion: ForestMotion, qdd: Array) -> list[Array]:
     return [b.point_acceleration(x) if b.floats else x for b, x in zip(motion.bodies, rates, strict=True)]
 
 
-def _along(motion: ForestMotion, near: Array) -> Array:
-    """Return wanted wrenches along the rows of the closures, and zeros for couplings."""
-    parts = [c.K @ f for c, f in zip(motion.closures, near, strict=True)]
-    for i, (c, f, along) in enumerate(zip(motion.closures, near, parts, strict=True)):
-        if not np.abs(f - along @ c.K).max() <= TRANSMITTED * max(1.0, float(np.abs(f).max())):
-            closure = motion.forest.closures[i]
+def _closures_of_rows(forest: Forest) -> Array:
+    """Return the closure of each of their rows."""
+    return np.repeat(range(len(forest.closures)), [len(c.grasp.transmitted) for c in forest.closures]).astype(int)
+
+
+def pushes(forest: Forest, terms: InverseTerms, sizes: Array) -> Array:
+    """Return the parts along the rows of pushes along the normals, (rows,).
+
+    Args:
+        forest: the forest.
+        terms: at its state.
+        sizes: (closures,) pushes [N].
+    """
+    rows = _closures_of_rows(forest)
+    along = (terms.K[:, 3:] * (sizes[:, None] * terms.normals)[rows]).sum(axis=1)
+    return np.concatenate([along, np.zeros(len(forest.couplings))])
+
+
+def wanted_forces(forest: Forest, terms: InverseTerms, near: Array) -> Array:
+    """Return wanted wrenches along the rows of the closures, and zeros for couplings, (rows,).
+
+    Raises:
+        StateError: a closure does not transmit its wrench.
+    """
+    rows = _closures_of_rows(forest)
+    along, transmitted = (terms.K * near[rows]).sum(axis=1), np.zeros(near.shape)
+    np.add.at(transmitted, rows, terms.K * along[:, None])
+    for closure, f, kept in zip(forest.closures, near, transmitted, strict=True):
+        if not np.abs(f - kept).max() <= TRANSMITTED * max(1.0, float(np.abs(f).max())):
             raise StateError(
-                f"wrench of {closure.name or f'closure {i}'}: expected one that a {closure.grasp.kind} grasp transmits,"
-                f" got {checks.place(f)}; try {checks.place(along @ c.K)}"
+                f"wrench of {_name(forest, closure)}: expected one that a {closure.grasp.kind} grasp transmits,"
+                f" got {checks.place(f)}; try {checks.place(kept)}"
             )
-    return np.concatenate([*parts, np.zeros(len(motion.coupled))])
+    return np.concatenate([along, np.zeros(len(forest.couplings))])
+
+
+def _name(forest: Forest, closure: Closure) -> str:
+    return closure.name or f"closure {forest.closures.index(closure)}"
 
 
 def driven(forest: Forest) -> Array:
@@ -166,23 +271,24 @@ def driven(forest: Forest) -> Array:
     return np.repeat(has, [body.joint.of_kind.freedoms for body in forest.bodies])
 
 
-def _least(motion: ForestMotion, columns: Array, needed: Array) -> Array:
+def _least(columns: Array, needed: Array, unit: Array) -> Array:
     """Return the smallest z with columns z = needed, once more for what rounding leaves."""
-    unit = np.where(np.array(turning(motion)), reach(motion), 1.0)[~driven(motion.forest)]
     inverse = np.linalg.pinv(columns / unit[:, None], rcond=NULL_SINGULAR_VALUE) / unit
     found = inverse @ needed
     return found + inverse @ (needed - columns @ found)
 
 
-def _require_possible(motion: ForestMotion, rates: list[Array]) -> None:
+def require_possible(forest: Forest, terms: InverseTerms, qdd: Array) -> None:
     """Refuse accelerations that violate closures or couplings."""
-    closed, coupled = along_rows(motion, rates, carried(motion, rates))
-    limit = VELOCITY_TOLERANCE * max(1.0, *(float(np.abs(x).max()) for x in rates))
-    gaps = [float(np.abs(x - c.r).max(initial=0.0)) for x, c in zip(closed, motion.closures, strict=True)]
-    names = [closure.name or f"closure {i}" for i, closure in enumerate(motion.forest.closures)]
-    apart = [f"{name}: {gap:.3g}" for name, gap in zip(names, gaps, strict=True) if not gap <= limit]
-    names = [coupling.name or f"coupling {i}" for i, coupling in enumerate(motion.forest.couplings)]
-    apart += [f"{name}: {abs(x):.3g}" for name, x in zip(names, coupled, strict=True) if not abs(x) <= limit]
+    limit = VELOCITY_TOLERANCE * max(1.0, float(np.abs(qdd).max(initial=0.0)))
+    gaps = np.abs(terms.on_qd @ qdd - terms.r)
+    largest = np.zeros(len(forest.closures))
+    np.maximum.at(largest, _closures_of_rows(forest), gaps[: len(terms.K)])
+    apart = [
+        f"{_name(forest, c)}: {gap:.3g}" for c, gap in zip(forest.closures, largest, strict=True) if not gap <= limit
+    ]
+    names = [coupling.name or f"coupling {i}" for i, coupling in enumerate(forest.couplings)]
+    apart += [f"{name}: {x:.3g}" for name, x in zip(names, gaps[len(terms.K) :], strict=True) if not x <= limit]
     if apart:
         raise StateError(
             f"qdd: the accelerations do not satisfy the forest: {', '.join(apart)} (m/s^2, rad/s^2), expected <="
@@ -190,9 +296,8 @@ def _require_possible(motion: ForestMotion, rates: list[Array]) -> None:
         )
 
 
-def _require_carried(motion: ForestMotion, passive: Array, needed: Array, left: Array) -> None:
+def _require_carried(forest: Forest, passive: Array, needed: Array, left: Array) -> None:
     """Refuse accelerations of passive parts for which there are no forces."""
-    forest = motion.forest
     limit = MISSING * max(1.0, float(np.abs(needed).max()))
     for k, (body, part) in enumerate(zip(forest.bodies, forest.velocities, strict=True)):
         if passive[part].any() and not np.abs(left[part]).max() <= limit:

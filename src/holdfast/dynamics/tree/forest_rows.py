@@ -43,7 +43,7 @@ class ForestRows(NamedTuple):
         found = self.G.copy()
         for body, at in zip(motion.bodies, motion.forest.velocities, strict=True):
             if body.floats:
-                found[:, at] = [shift_wrench(body.at.centre, row) for row in self.G[:, at]]
+                found[:, at] = array([shift_wrench(body.at.centre, row) for row in self.G[:, at]]).reshape(-1, 6)
         return found
 
 

@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.tree.forest_inverse import smallest_accelerations, torques_for
+from holdfast.dynamics.tree.forest_gaps import require_closed
+from holdfast.dynamics.tree.forest_inverse import (
+    driving_torques,
+    inverse_at,
+    pushes,
+    require_possible,
+    smallest_accelerations,
+    torques_for,
+    wanted_forces,
+)
 from holdfast.dynamics.tree.mechanism_terms import chain_results, flat_rates, joint_rows, mechanism_arguments
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -17,7 +26,6 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import Inputs, State
 
 
@@ -85,7 +93,15 @@ def mechanism_torques(
 
 
 @np.errstate(all="ignore")  # what overflows is refused
-def mechanism_holding(chain: ClosedChain, state: State, acceleration: Any, internal_force: Any) -> Array:
+def mechanism_holding(
+    chain: ClosedChain,
+    state: State,
+    acceleration: Any,
+    internal_force: Any,
+    wished: Array | None = None,
+    *,
+    check: bool = True,
+) -> Array:
     """Return torques for an acceleration of the objects, (n,); see `holding_torques` for errors. O(n^3).
 
     Args:
@@ -94,22 +110,28 @@ def mechanism_holding(chain: ClosedChain, state: State, acceleration: Any, inter
         acceleration: (6,), or (k, 6) of several objects; None for zero.
         internal_force: a push of every grasp along its contact normal into its object [N], or (grasps and loops, 6)
             wished wrenches.
+        wished: (n,) joint accelerations, of which those of the arms give way as far as the objects' need it; zero by
+            default.
+        check: whether the state must be closed, and the accelerations must agree with it.
     """
-    given, parts = mechanism_arguments(chain, state), chain_results(chain)
-    motion, (n, closures) = given.motion({}), (chain.joint_count, parts["grasp_wrench"].shape)
+    given, parts, forest = mechanism_arguments(chain, state), chain_results(chain), chain.as_forest.forest
+    at, n = inverse_at(given), chain.joint_count
     shape = parts["object_acceleration"].shape
     alpha = np.zeros(shape) if acceleration is None else checks.numbers(acceleration, shape, "acceleration", StateError)
     if np.ndim(internal_force):
-        near = checks.numbers(internal_force, closures, "internal_force", StateError)
+        near = checks.numbers(internal_force, parts["grasp_wrench"].shape, "internal_force", StateError)
+        asked = wanted_forces(forest, at.terms, near)
     else:
-        push, near = checks.numbers(internal_force, (), "internal_force", StateError), np.zeros(closures)
-        for i in range(len(chain.grasps)):
-            c = motion.closures[i]
-            near[i] = (c.K @ rotate(c.contact.R, np.array([0.0, 0.0, 0.0, 0.0, 0.0, push]))) @ c.K
+        sizes = np.zeros(len(forest.closures))
+        sizes[: len(chain.grasps)] = checks.numbers(internal_force, (), "internal_force", StateError)
+        asked = pushes(forest, at.terms, sizes)
     of_arms = np.zeros(n, dtype=bool)
     of_arms[[k for part in chain.arm_joints for k in range(part.start, part.stop)]] = True
     of_base = np.zeros(6) if chain.floats else None
-    wanted = flat_rates(np.zeros(n), alpha, of_base)
     moves = flat_rates(of_arms, np.zeros(alpha.shape, dtype=bool), of_base).astype(bool)
-    wanted[moves] = smallest_accelerations(motion, wanted, moves)
-    return torques_for(given, wanted, near, check=True).tau[joint_rows(chain)]
+    wanted = flat_rates(np.zeros(n) if wished is None else wished, alpha, of_base)
+    wanted = smallest_accelerations(at.terms, wanted, moves)
+    if check:
+        require_closed(given.motion({}), given.q, given.qd)
+        require_possible(forest, at.terms, wanted)
+    return driving_torques(forest, at.terms, at.loads(wanted), asked).tau[joint_rows(chain)]
