@@ -8,18 +8,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.constraint import free_wrenches
 from holdfast.errors import StateError
 from holdfast.forces.acceleration_map import (
-    AccelerationMap,
-    ObjectTask,
     acceleration_map,
     asked_rows,
     force_scale,
     motion_without_torques,
     scaled_map,
-    towards_task,
 )
+from holdfast.forces.affine_map import AccelerationMap, AccelerationTask, towards_task
 from holdfast.forces.certificate import Certificate, certificate, kept
 from holdfast.forces.cone_solver import Verdict
 from holdfast.forces.elastic_distribution import DISTRIBUTE
@@ -40,7 +37,7 @@ KEPT = 1e-7  # violations below this, relative to F0, are rounding
 DEARER = 10.0  # factor of a price at which a violation that is not necessary was cheaper
 MOST_RISES = 4
 FORMS = ("elastic", "effort", "margin")
-NOTHING = ObjectTask(np.zeros((0, 6)), np.zeros(0))
+NOTHING = AccelerationTask(np.zeros((0, 6)), np.zeros(0))
 
 
 class ForceQuestion(NamedTuple):
@@ -228,11 +225,11 @@ def _motion(chain: ClosedChain, state: State, inputs: Inputs | None):
     return motion_without_torques(chain, state, shaped_inputs(chain, inputs))
 
 
-def _asked(acceleration: ArrayLike | None, task: ArrayLike | None) -> ObjectTask:
+def _asked(acceleration: ArrayLike | None, task: ArrayLike | None) -> AccelerationTask:
     """Return what is asked, checked."""
     rows = asked_rows(task)
     given = np.zeros(len(rows)) if acceleration is None else acceleration
-    return ObjectTask(rows, checks.numbers(given, (len(rows),), "acceleration", StateError))
+    return AccelerationTask(rows, checks.numbers(given, (len(rows),), "acceleration", StateError))
 
 
 def force_question(
@@ -249,11 +246,12 @@ def force_question(
     wanted = _asked(acceleration, task)
     checks.instance(cost, (ForceCost, type(None)), "cost")
     weight = None if cost is None else cost.task
-    exact = wanted if weight is None else NOTHING
-    found = acceleration_map(motion, exact, force=force_scale(motion, wanted.smallest))
-    if weight is not None:
-        found = towards_task(found, wanted, weight)
-    return _with_limits(state, found, limits, cost, wanted)
+    exact, force = wanted if weight is None else NOTHING, force_scale(motion, wanted.smallest)
+    found = acceleration_map(motion, exact, force=force)
+    if weight is None:
+        return _with_limits(state, found, limits, cost)
+    wanted = wanted.weighed(weight)
+    return _with_limits(state, towards_task(found, wanted), limits, cost, wanted)
 
 
 def _exactly_asked(cost: ForceCost | None, what: str) -> None:
@@ -277,7 +275,7 @@ def _with_limits(
     found: AccelerationMap,
     limits: ForceLimits | None,
     cost: ForceCost | None,
-    asked: ObjectTask | None = None,
+    asked: AccelerationTask | None = None,
 ) -> ForceQuestion:
     checks.instance(limits, (ForceLimits, type(None)), "limits")
     checks.instance(cost, (ForceCost, type(None)), "cost")
@@ -353,7 +351,7 @@ def _described(
 ) -> Distribution:
     """Return a distribution with its margin, its prices, and words."""
     found = question.found
-    chain, v = found.motion.chain, checks.finite(done.v, "distribution of forces")
+    chain, v = found.chain, checks.finite(done.v, "distribution of forces")
     wrenches = found.grasp_wrenches(v)
     margins = grasp_margins(chain, question.state, wrenches)
     prices = _prices(question.limits, done.parts, found.force)
@@ -364,8 +362,7 @@ def _described(
     words = {"unbounded": "no limit bounds the value"}
     words |= {"undecided": f"rounding hides whether the limits can be kept (residual {done.residual:.1g})"}
     why = words.get(status, why) if proof is None else proof.words
-    unfelt = free_wrenches(found.motion, found.length).shape[1]
-    why += f"; forces that no joint feels ({unfelt}) are taken as the smallest" if unfelt else ""
+    why += f"; forces that no joint feels ({found.unfelt}) are taken as the smallest" if found.unfelt else ""
     return Distribution(
         found.T @ v + found.t,
         v[found.qdd],
@@ -380,7 +377,7 @@ def _described(
         why,
         proof,
         done.residual,
-        unfelt,
+        found.unfelt,
     )
 
 

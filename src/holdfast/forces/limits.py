@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from holdfast.names import called
 from holdfast.spatial.frozen import NOT_GIVEN, Frozen, OptionalArrayField, frozen
 from holdfast.spatial.scalar import Array
 
-PerGrasp = float | Mapping[str, float] | None
+PerGrasp = float | Mapping[Any, float] | None
 
 
 @called
@@ -67,8 +68,10 @@ class ForceLimits(Frozen):
         if (self.last_wrench is None) != math.isinf(self.wrench_change):
             raise ModelError("limits: expected last_wrench and wrench_change together, got one of them")
 
-    def of_grasps(self, name: str, chain: ClosedChain) -> dict[str, float]:
-        """Return a limit by name of the arm, for the grasps that have it.
+    def of_grasps(self, name: str, chain: ClosedChain) -> dict[Any, float]:
+        """Return a limit by key of the grasp or loop, for those that have it.
+
+        One number is for all grasps, and for all loops with a contact.
 
         Raises:
             ModelError: an arm holds nothing, or does not exist.
@@ -76,12 +79,17 @@ class ForceLimits(Frozen):
         given = getattr(self, name)
         if given is None:
             return {}
+        loops = {key: chain.as_forest.forest.closures[i].grasp for key, i in chain.as_forest.closures.items()}
         if not isinstance(given, Mapping):
-            return dict.fromkeys(chain.grasps, float(given))
-        for arm in given:
-            if arm not in chain.grasps:
-                raise ModelError(f"limits: {name}: no grasp '{arm}'.{checks.did_you_mean(str(arm), chain.grasps)}")
-        return {name: float(x) for name, x in given.items()}
+            pressed = [key for key, grasp in loops.items() if key not in chain.grasps and grasp.contact is not None]
+            return dict.fromkeys([*chain.grasps, *pressed], float(given))
+        known = [*chain.grasps, *(key for key in loops if key not in chain.grasps)]
+        for key in given:
+            if key not in known:
+                raise ModelError(
+                    f"limits: {name}: no grasp {key!r}.{checks.did_you_mean(str(key), [str(one) for one in known])}"
+                )
+        return {key: float(x) for key, x in given.items()}
 
 
 @called
@@ -138,7 +146,7 @@ class ForceCost(Frozen):
             StateError: a shape is wrong, or a weight is negative.
         """
         if self.effort is None:
-            limits = np.array([joint.effort_limit for joint in chain.all_joints])
+            limits = np.array([joint.effort_limit for joint in chain.all_joints for _ in range(joint.type.freedoms)])
             return np.where(np.isfinite(limits), limits, 1.0) ** -2.0
         weights = checks.numbers(self.effort, (chain.joint_count,), "cost: effort", StateError)
         if not (weights >= 0.0).all():
