@@ -89,6 +89,11 @@ class AccelerationMap(NamedTuple):
         """Place of the objects' true accelerations."""
         return slice(self.qdd.stop, self.qdd.stop + 6 * len(self.chain.free_objects))
 
+    @property
+    def coupled(self) -> slice:
+        """Place of the forces of couplings, the last unknowns."""
+        return slice(len(self.v0) - len(self.chain.all_couplings), len(self.v0))
+
     def grasp_wrenches(self, v: Array) -> Array:
         """Return the wrenches of grasps and loops about their contacts, world axes, (wrench_rows, 6).
 

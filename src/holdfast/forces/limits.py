@@ -14,7 +14,7 @@ from holdfast.forces.certificate import Certificate
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.frozen import NOT_GIVEN, Frozen, OptionalArrayField, frozen
+from holdfast.spatial.frozen import NOT_GIVEN, Frozen, FrozenDict, OptionalArrayField, frozen
 from holdfast.spatial.scalar import Array
 
 PerGrasp = float | Mapping[Any, float] | None
@@ -110,9 +110,11 @@ class ForceCost(Frozen):
             1 rad/s^2 costs as much as a tenth of one drive's effort limit: redundant joints keep to what is wished.
             With little weight they accelerate to where torques are smaller, even if the object stands still.
         wish: (arms, 6) wished wrench of each arm on the object about its contact, contact axes [N m, N]; 0 by default.
+            In a chain that is answered as a forest (grasps and loops, 6), as for last wrenches.
         joint_acceleration: (n,) wished accelerations of the joints, for what the object leaves free; 0 by default.
         task: weight of the object's distance from what is asked of it, S alpha = s, which then gives way to the limits,
-            > 0 [s^2/rad or s^2/m]; None asks for it exactly.
+            > 0 [s^2/rad or s^2/m]; None asks for it exactly. A mapping by name for accelerations by name: those without
+            a weight are kept exactly.
         price: cost of passing the limits by F0 (`distribute`).
         barrier: slack times multiplier of every limit in the answer of `distribute`. With a positive one, such as 1e-5,
             torques change smoothly with the state also where a limit becomes active, and have derivatives; they cost
@@ -124,7 +126,7 @@ class ForceCost(Frozen):
     acceleration: float = 1.0
     wish: OptionalArrayField = NOT_GIVEN
     joint_acceleration: OptionalArrayField = NOT_GIVEN
-    task: float | None = None
+    task: float | Mapping[str, float] | None = None
     price: float = 1e4
     barrier: float = 0.0
 
@@ -133,7 +135,10 @@ class ForceCost(Frozen):
         for name in ("wrench", "acceleration", "price"):
             put(self, name, checks.number(getattr(self, name), f"cost: {name}", above=0.0))
         put(self, "barrier", checks.number(self.barrier, "cost: barrier", at_least=0.0))
-        if self.task is not None:
+        if isinstance(self.task, Mapping):
+            weights = {name: checks.number(x, f"cost: task: '{name}'", above=0.0) for name, x in self.task.items()}
+            put(self, "task", frozen(weights))
+        elif self.task is not None:
             put(self, "task", checks.number(self.task, "cost: task", above=0.0))
         for name in ("effort", "wish", "joint_acceleration"):
             if (given := getattr(self, name)) is not None:
@@ -162,8 +167,9 @@ class Distribution(Frozen):
     Attributes:
         tau: (n,) torques of the drives [N m or N].
         qdd: (n,) accelerations of the joints [rad/s^2 or m/s^2].
-        object_acceleration: (6,) [omega_dot; v_dot of C], the true acceleration, world axes.
-        grasp_wrench: (arms, 6) wrench of each arm on the object about its contact, world axes [N m, N].
+        object_acceleration: (6,) [omega_dot; v_dot of C], the true acceleration, world axes, or (k, 6) of k objects.
+        grasp_wrench: (arms, 6) wrench of each arm on the object about its contact, world axes [N m, N]; in a chain that
+            is answered as a forest (grasps and loops, 6), as in `MechanismResult`.
         base_acceleration: (6,) acceleration of a floating base, world axes; None without one.
         violation: by how much the limits are passed [N], 0 if they are kept; torques by this times the distance of the
             contacts from their centroid, accelerations by 1 rad/s^2 or m/s^2 per newton.
@@ -179,6 +185,8 @@ class Distribution(Frozen):
         unfelt: number of independent forces that no joint feels. The torques do not decide them: wrenches and margins
             are those of the smallest, and `margin_range` bounds the others. In a singular configuration there are more
             of them than nearby; `forward_dynamics` and `diagnose` tell.
+        wrenches: the rows of `grasp_wrench` by the keys of the chain's grasps and loops.
+        coupling_force: (couplings,) a coupling acts on each of its joints with c times this.
     """
 
     tau: Array
@@ -195,6 +203,8 @@ class Distribution(Frozen):
     certificate: Certificate | None
     residual: float
     unfelt: int = 0
+    wrenches: Mapping[Any, Array] = field(default_factory=FrozenDict)
+    coupling_force: Array = field(default_factory=lambda: np.zeros(0))
 
     def __repr__(self) -> str:
         """Return the status, the margin and the reason."""

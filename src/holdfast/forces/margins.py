@@ -22,11 +22,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.tree.mechanism_terms import flat_state
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.grasp_kinds import GRASP_KINDS
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.model.wrench_condition import Condition, largest_force_and_moment
 from holdfast.questions.arrays import CONTACTS, LIMITS, RAD, RATE, TORQUE, Row, value_of
 from holdfast.questions.case import VariedCase
@@ -34,7 +36,7 @@ from holdfast.questions.derivatives import asked, declare
 from holdfast.questions.question import Question, ResultPart, by_joints
 from holdfast.spatial.scalar import Array, Scalar, array, each, less, minimum, where
 from holdfast.spatial.spatial_vector import unrotate
-from holdfast.state import State, require_fit
+from holdfast.state import State, require_fit, require_state
 
 
 class JointMargins(NamedTuple):
@@ -86,7 +88,8 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
         chain: the chain.
         state: state with the object's pose; nothing else is used.
         grasp_wrench: (arms, 6) wrench of each arm on the object about the contact point, world axes, as in
-            `ForwardResult`.
+            `ForwardResult`. Of a chain that is answered as a forest, those of grasps and loops, as in
+            `MechanismResult`, whose margins are returned, (grasps and loops,); joint positions are used, too.
 
     The derivative of each margin is that of the condition with the least margin, or of one of them if several are
     equal; that of a norm |B f| is 0 where the norm is 0, and that of an infinite margin is 0.
@@ -94,10 +97,24 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
     Raises:
         StateError: a shape is wrong.
     """
+    if answered_as_forest(chain):
+        return _margins_of_closures(chain, state, grasp_wrench)
     require_fit(chain, state)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     with np.errstate(all="ignore"):  # squares of huge forces
         return limited_margins(chain, value_of(CONTACTS, chain), state.object_frame.R, f)
+
+
+def _margins_of_closures(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> Array:
+    """Return the margins of the grasps and loops of a chain that is answered as a forest, (closures,)."""
+    require_state(chain, state)
+    forest = chain.as_forest.forest
+    f = checks.numbers(grasp_wrench, (len(forest.closures), 6), "grasp_wrench", StateError)
+    poses = forest.poses(flat_state(chain, state)[0])
+    pairs = zip(forest.closures, f, strict=True)
+    with np.errstate(all="ignore"):
+        found = [least_margin(conditions(c.grasp), unrotate(poses[c.b].R @ c.grasp.frame.R, x)) for c, x in pairs]
+    return np.array(found, dtype=float)
 
 
 def limited_margins(chain: ClosedChain, contacts: Array, R: Array, f: Array) -> Array:

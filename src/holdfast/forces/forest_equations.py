@@ -1,0 +1,113 @@
+"""The equations of a chain's forest as dense matrices, in the coordinates of qd: M qdd + h = tau + G^T lambda, G qdd = r.
+
+The rates of a free body are those of its frame's origin, so that its part of the first equation is a wrench about it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
+from holdfast.dynamics.tree.forest_gaps import require_closed
+from holdfast.dynamics.tree.forest_inverse import driven
+from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.dynamics.tree.forest_rows import ForestRows, forest_rows, reach, turning, weighed_rows
+from holdfast.dynamics.tree.mechanism_terms import mechanism_arguments
+from holdfast.errors import StateError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import centripetal, shift_twist
+from holdfast.state import Inputs, State
+
+
+class ForestEquations(NamedTuple):
+    """The equations of a chain's forest at one instant, without torques of drives.
+
+    Attributes:
+        chain: the chain.
+        motion: the motion of its forest.
+        rows: the constraint, in which the rates of free bodies are those of their mass centres.
+        to_points: (n_v, n_v) S and (n_v,) s of S qdd + s, the rates that belong to the points of the bodies.
+        M: (n_v, n_v) mass matrix.
+        h: (n_v,) torques and wrenches without accelerations.
+        G: (rows, n_v) rows of closures in order, then of couplings.
+        r: (rows,) their right-hand side.
+        passive: (n_v,) whether a component has no drive.
+    """
+
+    chain: ClosedChain
+    motion: ForestMotion
+    rows: ForestRows
+    to_points: tuple[Array, Array]
+    M: Array
+    h: Array
+    G: Array
+    r: Array
+    passive: Array
+
+    @property
+    def count(self) -> int:
+        """The number n_v of accelerations."""
+        return len(self.h)
+
+    def frame(self, name: str) -> tuple[Array, Array]:
+        """Return J (6, n_v) and b (6,) of J qdd + b, the true acceleration of a frame's origin, world axes.
+
+        Raises:
+            ModelError: there is no such frame.
+            StateError: it is the world.
+        """
+        k, pose = self.chain.as_forest.frame(self.chain, name, f"acceleration of '{name}'")
+        if k is None:
+            raise StateError("acceleration: expected the name of a frame, not None, which is the world")
+        body, (S, s) = self.motion.bodies[k], self.to_points
+        J = self.rows.jacobians[k]
+        still = body.at.zeta + J @ s + np.concatenate([np.zeros(3), self.motion.forest.gravity])
+        l = body.at.frame.R @ pose.p - body.at.centre
+        about = np.concatenate([np.zeros(3), centripetal(body.at.twist[:3], l)])
+        return np.array([shift_twist(l, column) for column in (J @ S).T]).T, shift_twist(l, still) + about
+
+    def unfelt_rows(self) -> Array:
+        """Return rows that make the forces without effect zero, (k, rows), in the metric of `forest_dynamics`."""
+        weighed = weighed_rows(self.motion, self.rows)
+        unit = np.where(np.array(turning(self.motion)), float(reach(self.motion)), 1.0)
+        U, s, _ = np.linalg.svd(weighed.E / unit)
+        none = U[:, int((s > NULL_SINGULAR_VALUE * s.max(initial=0.0)).sum()) :]
+        ends = np.cumsum([0, *(len(factor) for factor in weighed.factors)]).tolist()
+        parts = zip(weighed.factors, ends, strict=False)
+        columns = [none[start : start + len(C)].T @ C.T for C, start in parts]
+        return np.hstack([np.zeros((none.shape[1], 0)), *columns])
+
+
+@np.errstate(all="ignore")  # what overflows is refused
+def forest_equations(chain: ClosedChain, state: State, inputs: Inputs | None) -> ForestEquations:
+    """Return the equations of a chain's forest. O(n^3).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        inputs: external wrenches and base motion; zero by default.
+
+    Raises:
+        StateError: a shape is wrong, or the state violates a grasp, a loop or a coupling.
+    """
+    given = mechanism_arguments(chain, state, inputs=inputs)
+    motion = given.motion({})
+    require_closed(motion, given.q, given.qd)
+    forest, rows = motion.forest, forest_rows(motion)
+    n = forest.velocity_count
+    S, s = np.eye(n), np.zeros(n)
+    M, h = np.diag(np.concatenate([body.armature for body in motion.bodies])), np.zeros(n)
+    for body, J, part in zip(motion.bodies, rows.jacobians, forest.velocities, strict=True):
+        M = M + J.T @ body.inertia.dense() @ J
+        h = h + J.T @ (body.load - body.wrench)
+        h[part] -= body.torque
+        if body.floats:
+            S[part, part] = np.array([shift_twist(body.at.centre, unit) for unit in np.eye(6)]).T
+            s[part] = body.point_acceleration(np.zeros(6))
+    right = rows.r - rows.G @ s
+    return ForestEquations(
+        chain, motion, rows, (S, s), S.T @ M @ S, S.T @ (h + M @ s), rows.G @ S, right, ~driven(forest)
+    )
