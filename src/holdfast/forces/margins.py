@@ -6,10 +6,11 @@ c + a.f >= |B f|, in newtons:
     ball, hinge    mu f_n >= |f_t|                        no sliding
     softfinger     mu f_n >= sqrt(|f_t|^2 + (m_n/e)^2)    no sliding, no spinning
     hinge          f_n >= |m_y| / L                       the edge touches over its whole length
+    sole           mu f_n >= |f_t|, f_n >= |m_y| / a, f_n >= |m_x| / b      it stands on all of its rectangle
     one-sided      f_n >= 0                               it presses
     limits         F >= |f|,  M/l >= |m|/l                it is strong enough; l: `WrenchLimits.lever`
 
-The moment of a hinge about the normal is carried by the edge, and has no limit.
+The moment of a hinge or a sole about the normal is carried by the edge, and has no limit.
 """
 
 from __future__ import annotations
@@ -131,7 +132,7 @@ def margins_of_grasps(chain: ClosedChain, contacts: Array, R: Array, frames: Ite
 
     Args:
         chain: the chain, of which only names and kinds are used.
-        contacts: (grasps, 6) numbers of `questions.arrays.contact_of`.
+        contacts: (grasps, 7) numbers of `questions.arrays.contact_of`.
         R: (3, 3) attitude of the object.
         frames: (3, 3) each, attitudes of the contact frames, object axes.
         f: (arms, 6) wrench of each arm on the object about the contact point, world axes.
@@ -152,21 +153,21 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
 
     Args:
         kind: kind of the grasp.
-        contact: (6,) numbers of `questions.arrays.contact_of`.
+        contact: (7,) numbers of `questions.arrays.contact_of`.
         f: (6,) wrench of the arm on the object about the contact point, contact axes.
     """
-    one_sided, mu, size, moment, force, lever = contact
+    one_sided, mu, moment, force, lever = contact[0], contact[1], *contact[4:]
     strength = least_margin(largest_force_and_moment(moment, force, lever), f)
     friction = GRASP_KINDS[kind].friction
     if friction is None:
         return strength
-    pressed = least_margin(friction(mu, size), f)
+    pressed = least_margin(friction(mu, contact[2:4]), f)
     return minimum(strength, where(one_sided > 0.5, pressed, math.inf))
 
 
 def limited(contact: Array) -> Scalar:
     """Return whether a grasp is one-sided or has wrench limits; `contact` as in `questions.arrays.contact_of`."""
-    one_sided, _, _, moment, force, _ = contact
+    one_sided, moment, force = contact[0], contact[4], contact[5]
     return where(one_sided > 0.5, 0.0, minimum(moment, force)) < math.inf
 
 
@@ -181,7 +182,7 @@ def conditions(grasp: Grasp) -> tuple[Condition, ...]:
     found: tuple[Condition, ...] = ()
     kind, contact, limits = grasp.of_kind, grasp.contact, grasp.wrench_limits
     if contact is not None and kind.friction is not None:
-        found += kind.friction(contact.mu, grasp.contact_size)
+        found += kind.friction(contact.mu, np.array(grasp.contact_size))
     if limits is not None:
         found += largest_force_and_moment(limits.moment, limits.force, limits.lever)
     return found
