@@ -141,13 +141,13 @@ def solutions(E: Array, e: Array, scales: Array) -> tuple[Array, Array] | None:
     """Return one solution v of E v / scales = e and a basis of the others; None if there is none.
 
     Args:
-        E: (rows, m) matrix for v / scales.
+        E: (rows, m) matrix for v / scales, with rows of about one size.
         e: (rows,) right side.
         scales: (m,) size of each unknown.
     """
     checks.finite(np.append(E.sum(axis=1), e), "equations of motion")
     sizes = np.linalg.norm(E, axis=1)
-    sizes[sizes == 0.0] = 1.0
+    sizes[sizes <= INDEPENDENT * sizes.max(initial=0.0)] = 1.0  # rounding alone, as across a planar linkage
     E, right = E / sizes[:, None], e / sizes
     U, s, Vt = np.linalg.svd(E)
     rank = int((s > INDEPENDENT * s.max(initial=0.0)).sum())

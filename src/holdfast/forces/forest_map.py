@@ -101,8 +101,10 @@ def _scaled(of: ForestEquations, asked: AccelerationTask, force: float) -> Scale
     length, size = float(metric.length), n + count
     none = of.unfelt_rows()
     free = np.where(turns, ACCELERATION_SCALE / length, ACCELERATION_SCALE)
-    forces = [x for c in motion.closures for x in c.contact.grasp.of_kind.row_scales(length)]
-    forces += [1.0 / np.sqrt(float(x)) for x in metric.couplings]
+    forces = np.array(
+        [x for c in motion.closures for x in c.contact.grasp.of_kind.row_scales(length)]
+        + [1.0 / np.sqrt(float(x)) for x in metric.couplings]
+    )
     E = np.zeros((count + int(of.passive.sum()) + len(none) + len(asked.rows), size))
     closed, carried, unfelt, task = np.split(E, np.cumsum([count, int(of.passive.sum()), len(none)]))
     closed[:, :n] = of.G
@@ -110,8 +112,10 @@ def _scaled(of: ForestEquations, asked: AccelerationTask, force: float) -> Scale
     unfelt[:, n:] = none
     task[:, :n] = asked.rows
     e = np.concatenate([of.r, -of.h[of.passive], np.zeros(len(none)), asked.values])
-    scales = np.concatenate([free, force * np.array(forces)])
-    return ScaledForest(E * scales, e, scales, slice(len(E) - len(task), len(E)), len(none))
+    scales = np.concatenate([free, force * forces])
+    loads = np.where(turns, 1.0 / length, 1.0)[of.passive] / force
+    each = np.concatenate([forces / ACCELERATION_SCALE, loads, np.ones(len(none)), np.ones(len(task))])
+    return ScaledForest(each[:, None] * E * scales, each * e, scales, slice(len(E) - len(task), len(E)), len(none))
 
 
 def _map(of: ForestEquations, found: tuple[Array, Array], scaled: ScaledForest, force: float) -> AccelerationMap:
