@@ -22,6 +22,7 @@ import numpy as np
 from tests.systems.standing import HANDS, Standing, humanoid_with_box, standing
 
 import holdfast as hf
+from holdfast.dynamics.tree.mechanism_terms import flat_state
 
 FOLDER = Path(os.environ.get("HOLDFAST_ROBOTS", "results/robots"))
 TIPS = {
@@ -71,16 +72,15 @@ def talos(path: Path, mass: float = 2.0) -> Standing:
 
 def asked(p: Standing, up: float) -> dict[str, np.ndarray]:
     """Return what is asked: a trunk at rest, and an upward acceleration of the box [m/s^2], or forearms at rest."""
-    trunk, forearms = p.chain.trunk, [f"{name}/{p.chain.arms[name].links[3].name}" for name in HANDS]
-    still = ["trunk/base", f"trunk/{trunk.links[-1].name}", *(forearms if up == 0.0 else [])]
+    forearms = [f"{name}/{p.chain.arms[name].links[3].name}" for name in HANDS]
+    still = ["trunk/base", f"trunk/{p.chain.mounts['left']}", *(forearms if up == 0.0 else [])]
     return dict.fromkeys(still, np.zeros(6)) | {"object": np.array([0.0, 0.0, 0.0, 0.0, 0.0, up])}
 
 
 def unbalanced(p: Standing, found: hf.forces.Distribution) -> float:
     """Return |wrenches of the feet + weight|, largest entry, about the world's origin, at rest."""
     forest, total = p.chain.forest, np.zeros(6)
-    q = np.concatenate([p.state.base_pose, p.state.q, p.state.object_pose])
-    for body, pose in zip(forest.bodies, forest.poses(q), strict=True):
+    for body, pose in zip(forest.bodies, forest.poses(flat_state(p.chain, p.state)[0]), strict=True):
         weight = body.link.mass * forest.gravity
         total += np.append(np.cross(pose.p + pose.R @ body.link.com, weight), weight)
     for name, sole in p.chain.loops.items():
@@ -91,10 +91,10 @@ def unbalanced(p: Standing, found: hf.forces.Distribution) -> float:
 
 def checked(p: Standing, up: float, rounds: int = 1) -> Checked:
     """Return a distribution for an upward acceleration of the box, with what is known about it."""
-    times = []
+    found, times = hf.forces.distribute(p.chain, p.state, asked(p, up), limits=LIMITS), []
     for _ in range(rounds):
         start = time.perf_counter()
-        found = hf.forces.distribute(p.chain, p.state, asked(p, up), limits=LIMITS)
+        hf.forces.distribute(p.chain, p.state, asked(p, up), limits=LIMITS)
         times.append(time.perf_counter() - start)
     back = hf.forward_dynamics(p.chain, p.state, found.tau)
     pairs: list[tuple[Any, Any]] = [

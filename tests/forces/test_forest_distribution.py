@@ -5,10 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-
-import holdfast as hf
 from benchmarks.random_distributions import by_clarabel
 from benchmarks.talos_box import LIMITS, asked, checked, talos, urdf
+
+import holdfast as hf
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, grasp_margins, least_peak, lift_margin
 from holdfast.forces.cone_solver import Verdict
@@ -245,7 +245,7 @@ def test_accelerations_of_joints():
 
 
 @pytest.mark.parametrize(
-    "given, error, words",
+    ("given", "error", "words"),
     [
         ({"acceleration": {"lids": np.zeros(6)}}, ModelError, "lids.*lid"),
         ({"acceleration": {"lid": np.zeros(5)}}, StateError, "'lid': expected shape"),
@@ -276,7 +276,7 @@ def test_what_is_not_asked_of_forests():
     with pytest.raises(MethodNotApplicable, match="expected serial arms"):
         distribute.vjp(p.chain, p.state, tau=np.zeros(16))
     loose = replace(p.chain, grasps={})
-    with pytest.raises(StateError, match="cannot change .* 'object'|satisfy all grasps"):
+    with pytest.raises(StateError, match=r"cannot change .* 'object'|satisfy all grasps"):
         distribute(loose, p.state)
     serial = limited_problem(4)
     with pytest.raises(StateError, match="one weight"):

@@ -33,8 +33,8 @@ from holdfast.forces.affine_map import (
     SMALLEST_FORCE_SCALE,
     UNREACHED,
     AccelerationMap,
-    GraspPlace,
     AccelerationTask,
+    GraspPlace,
     lost_directions,
     solutions,
 )

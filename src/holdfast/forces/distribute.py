@@ -23,6 +23,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, asked_case, attach
 from holdfast.spatial.frozen import FrozenDict
+from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 ROUNDING = 1e-7  # multipliers below this, and below this part of the largest, are 0

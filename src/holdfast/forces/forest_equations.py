@@ -1,4 +1,6 @@
-"""The equations of a chain's forest as dense matrices, in the coordinates of qd: M qdd + h = tau + G^T lambda, G qdd = r.
+"""The equations of a chain's forest as dense matrices in the coordinates of qd.
+
+M qdd + h = tau + G^T lambda,   G qdd = r
 
 The rates of a free body are those of its frame's origin, so that its part of the first equation is a wrench about it.
 """
@@ -48,7 +50,7 @@ class ForestEquations(NamedTuple):
     passive: Array
 
     @property
-    def count(self) -> int:
+    def size(self) -> int:
         """The number n_v of accelerations."""
         return len(self.h)
 

@@ -96,7 +96,7 @@ def forest_force(of: ForestEquations, asked: list[NamedTask]) -> float:
 
 def _scaled(of: ForestEquations, asked: AccelerationTask, force: float) -> ScaledForest:
     """Return the equations in scaled unknowns."""
-    motion, n, count = of.motion, of.count, len(of.G)
+    motion, n, count = of.motion, of.size, len(of.G)
     metric, turns = force_metric(motion), np.array(turning(motion))
     length, size = float(metric.length), n + count
     none = of.unfelt_rows()
@@ -119,7 +119,7 @@ def _scaled(of: ForestEquations, asked: AccelerationTask, force: float) -> Scale
 
 
 def _map(of: ForestEquations, found: tuple[Array, Array], scaled: ScaledForest, force: float) -> AccelerationMap:
-    chain, joints, n = of.chain, joint_rows(of.chain), of.count
+    chain, joints, n = of.chain, joint_rows(of.chain), of.size
     T, t = np.hstack([of.M, -of.G.T])[joints], of.h[joints].copy()
     T[of.passive[joints]], t[of.passive[joints]] = 0.0, 0.0
     grasps = tuple(
@@ -151,7 +151,7 @@ def _impossible(of: ForestEquations, scaled: ScaledForest, e: Array, asked: list
             "acceleration: expected a state in which some accelerations satisfy all grasps, loops and couplings, and"
             " what has no drive is carried; got one without. Try holdfast.diagnose, or a drive (actuated=True)"
         )
-    _, lost = lost_directions(scaled.E, scaled.task, slice(0, of.count), scaled.scales)
+    _, lost = lost_directions(scaled.E, scaled.task, slice(0, of.size), scaled.scales)
     ends = np.cumsum([len(one.rows) for one in asked])[:-1]
     listed = []
     for combination in lost.T:

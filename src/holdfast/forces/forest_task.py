@@ -77,7 +77,7 @@ def on_accelerations(equations: ForestEquations, tasks: list[NamedTask]) -> Acce
     Raises:
         ModelError: there is no such frame.
     """
-    rows, values = [np.zeros((0, equations.count))], [np.zeros(0)]
+    rows, values = [np.zeros((0, equations.size))], [np.zeros(0)]
     for one in tasks:
         J, bias = equations.frame(one.name)
         rows.append(one.rows @ J)

@@ -25,7 +25,6 @@ from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum, sqrt
 from holdfast.state import State
 
 
-
 class Noun(NamedTuple):
     """The limit to which a condition belongs, and on which side of it it is, if it has sides."""
 

@@ -134,8 +134,9 @@ def _grasp(data: force_case_data.ForceGrasp, at: Location) -> Grasp:
     with at.refusals():
         frame = Pose(checks.rotation_matrix(data.frame_object, "grasp: frame_object"), np.array(data.point_object))
         given, strength = data.friction, data.wrench_limits
-        sizes = () if given is None else (given.torsion_radius, given.half_length, given.half_lengths)
-        friction = None if given is None else Friction(given.mu, *sizes)
+        friction = None
+        if given is not None:
+            friction = Friction(given.mu, given.torsion_radius, given.half_length, given.half_lengths)
         limits = None if strength is None else WrenchLimits(strength.moment, strength.force)
         return Grasp(data.type, frame, friction, limits)
 

@@ -21,10 +21,10 @@ from holdfast.spatial.scalar import Array
 
 GraspName = Literal[
     "rigid",
-    "sole",
     "hinge",
     "softfinger",
     "ball",
+    "sole",
     "universal",
     "slider",
     "cylinder",
@@ -103,7 +103,7 @@ class Grasp(Frozen):
     at the contact frame, and its wrench follows from the state.
 
     Attributes:
-        kind: "rigid", "sole", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "screw", "planar",
+        kind: "rigid", "hinge", "softfinger", "ball", "sole", "universal", "slider", "cylinder", "screw", "planar",
             "subspace" or "bushing".
         frame: pose of the contact frame in object axes.
         contact: None for a two-sided grasp, or a `Friction` for a one-sided one.

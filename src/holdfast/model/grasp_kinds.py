@@ -138,8 +138,8 @@ class GraspKind(Frozen):
         regrasped: function of the attitudes of contact frame and tip relative to the object that returns the attitude
             of the nearest contact frame for which this tip closes the grasp (3, 3), or None if it is not unique.
         size: the field of `Friction` with the length, or the two lengths, that a one-sided contact needs.
-        friction: function of the friction coefficient and (2,) lengths, the second for two, that returns the conditions on the wrench of a
-            one-sided contact; None for a grasp that is always two-sided.
+        friction: function of the friction coefficient and two lengths, of which a kind with one uses the first, that
+            returns the conditions on the wrench of a one-sided contact; None for a grasp that is always two-sided.
         listed_axes: number of unit vectors that a case file lists for such a grasp.
         equality: corresponding MJCF equality constraint: a weld, a connect of two points, or two connects along x; None
             if there is none.
@@ -336,7 +336,6 @@ def _sine_cosine_past_thread(p: Array, tip: Array, pitch: float) -> tuple[Scalar
 
 GRASP_KINDS: dict[str, GraspKind] = {
     "rigid": GraspKind((), (), (0, 1, 2), *_FULL, regrasped=tip_attitude, equality="weld"),
-    "sole": GraspKind((), (), (0, 1, 2), *_FULL, regrasped=tip_attitude, size="half_lengths", friction=standing),
     "hinge": GraspKind(
         (0,),
         ("object",),
@@ -357,6 +356,7 @@ GRASP_KINDS: dict[str, GraspKind] = {
         equality="connect",
     ),
     "ball": GraspKind((0, 1, 2), ("world", "world", "world"), friction=sliding, equality="connect"),
+    "sole": GraspKind((), (), (0, 1, 2), *_FULL, regrasped=tip_attitude, size="half_lengths", friction=standing),
     "universal": GraspKind(
         (0, 1),
         ("tip", "object"),
