@@ -12,10 +12,13 @@ import holdfast as hf
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, grasp_margins, least_peak, lift_margin
 from holdfast.forces.cone_solver import Verdict
-from holdfast.forces.force_question import force_question
+from holdfast.forces.distribute import distribution
+from holdfast.forces.force_question import ForceQuestion, force_question
 from holdfast.forces.forest_equations import forest_equations
-from holdfast.forces.forest_map import forest_force, forest_map
+from holdfast.forces.forest_map import forest_force, forest_map, scaled_forest_map
 from holdfast.forces.forest_task import named_tasks
+from holdfast.forces.limit_rows import limit_rows
+from holdfast.forces.programmes import costs
 from tests.longer import mostly_slow
 from tests.systems.branched import (
     Branched,
@@ -186,6 +189,25 @@ def test_reports():
         assert distribute(p.chain, p.state, asked(p, 1.0), limits=limits).status == status
 
 
+def test_payload():
+    """With the largest payload instead of the box some limit is met, and with a little more limits conflict."""
+    p = humanoid()
+    still = asked(p, 0.0)
+    most = lift_margin(p.chain, p.state, still, payload=True, limits=LIMITS)
+    assert most.status == "optimal"
+    box = p.chain.held_object
+    for share, status in ((0.999, "optimal"), (1.001, "infeasible")):
+        heavy = replace(box, mass=share * most.value * box.mass, inertia=share * most.value * box.inertia)
+        assert distribute(replace(p.chain, held_object=heavy), p.state, still, limits=LIMITS).status == status
+    serial = limited_problem(4)
+    given, equations = {"inputs": serial.inputs}, forest_equations(serial.chain, serial.state, serial.inputs)
+    tasks = named_tasks(equations, None, None)
+    found, v1 = scaled_forest_map(equations, tasks, forest_force(equations, tasks), payload=True)
+    rows, whole = limit_rows(found, serial.state, ForceLimits()), costs(found, ForceCost())
+    own = distribution(ForceQuestion(serial.state, found, rows, whole, v1), "scale")
+    assert own.value == pytest.approx(lift_margin(serial.chain, serial.state, payload=True, **given).value, rel=1e-6)
+
+
 def test_a_weight_by_name():
     """The base's acceleration gives way to the limits, and the box keeps its own exactly."""
     p = humanoid()
@@ -269,10 +291,12 @@ def test_refused_by_name(given, error, words):
 
 
 def test_what_is_not_asked_of_forests():
-    """A payload's share, derivatives, and an object that nothing holds."""
-    p = two_arms_with_grippers()
-    with pytest.raises(MethodNotApplicable, match="payload"):
-        lift_margin(p.chain, p.state, payload=True)
+    """The payload of two objects, or of one that is free; derivatives; an object that nothing holds."""
+    p, two = two_arms_with_grippers(), pot_and_lid()
+    with pytest.raises(StateError, match="payload: expected False in a chain with 2 objects"):
+        lift_margin(two.chain, two.state, {"lid": np.zeros(6)}, payload=True)
+    with pytest.raises(StateError, match="expected that of 'object'"):
+        lift_margin(p.chain, p.state, {}, payload=True)
     with pytest.raises(MethodNotApplicable, match="expected serial arms"):
         distribute.vjp(p.chain, p.state, tau=np.zeros(16))
     loose = replace(p.chain, grasps={})

@@ -150,7 +150,7 @@ def lift_margin(
         state: positions and velocities.
         acceleration: (6,) true acceleration of C, world axes; None for zero, with `payload` only. Of forests as in
             `distribute`.
-        payload: whether sigma multiplies the object's inertia instead of the acceleration; not for forests.
+        payload: whether sigma multiplies the inertia of the only object instead of the acceleration.
         cost: what makes a distribution good.
         limits: the limits.
         inputs: external wrenches and base motion.

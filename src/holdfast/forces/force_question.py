@@ -24,7 +24,7 @@ from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programmes import Costs, Form, Posed, Solved, answer, at_value, costs, posed
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import answered_as_forest, require_unused
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -103,10 +103,9 @@ def scaled_question(
 ) -> ForceQuestion:
     """Return the question of `lift_margin`; arguments as there."""
     if answered_as_forest(chain):
-        require_unused(payload=payload)
         equations = forest_equations(chain, state, inputs)
         tasks = named_tasks(equations, acceleration, None)
-        found, v1 = scaled_forest_map(equations, tasks, forest_force(equations, tasks))
+        found, v1 = scaled_forest_map(equations, tasks, forest_force(equations, tasks), payload=payload)
         return _with_limits(state, found, limits, cost)._replace(v1=v1)
     motion, wanted = _motion(chain, state, inputs), _asked(acceleration, None)
     held = wanted if payload else wanted._replace(values=np.zeros(6))

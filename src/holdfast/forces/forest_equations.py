@@ -36,6 +36,7 @@ class ForestEquations(NamedTuple):
         h: (n_v,) torques and wrenches without accelerations.
         G: (rows, n_v) rows of closures in order, then of couplings.
         r: (rows,) their right-hand side.
+        pushed: (n_v,) wrenches on free bodies about the origins of their frames; they are part of h.
         passive: (n_v,) whether a component has no drive.
     """
 
@@ -47,6 +48,7 @@ class ForestEquations(NamedTuple):
     h: Array
     G: Array
     r: Array
+    pushed: Array
     passive: Array
 
     @property
@@ -100,7 +102,7 @@ def forest_equations(chain: ClosedChain, state: State, inputs: Inputs | None) ->
     require_closed(motion, given.q, given.qd)
     forest, rows = motion.forest, forest_rows(motion)
     n = forest.velocity_count
-    S, s = np.eye(n), np.zeros(n)
+    S, s, pushed = np.eye(n), np.zeros(n), np.zeros(n)
     M, h = np.diag(np.concatenate([body.armature for body in motion.bodies])), np.zeros(n)
     for body, J, part in zip(motion.bodies, rows.jacobians, forest.velocities, strict=True):
         M = M + J.T @ body.inertia.dense() @ J
@@ -108,8 +110,7 @@ def forest_equations(chain: ClosedChain, state: State, inputs: Inputs | None) ->
         h[part] -= body.torque
         if body.floats:
             S[part, part] = np.array([shift_twist(body.at.centre, unit) for unit in np.eye(6)]).T
-            s[part] = body.point_acceleration(np.zeros(6))
+            s[part], pushed[part] = body.point_acceleration(np.zeros(6)), body.wrench
     right = rows.r - rows.G @ s
-    return ForestEquations(
-        chain, motion, rows, (S, s), S.T @ M @ S, S.T @ (h + M @ s), rows.G @ S, right, ~driven(forest)
-    )
+    h, pushed = S.T @ (h + M @ s), S.T @ pushed
+    return ForestEquations(chain, motion, rows, (S, s), S.T @ M @ S, h, rows.G @ S, right, pushed, ~driven(forest))

@@ -67,14 +67,41 @@ def forest_map(of: ForestEquations, asked: list[NamedTask], force: float) -> Acc
     return _map(of, _solved(of, scaled, scaled.e, asked), scaled, force)
 
 
-def scaled_forest_map(of: ForestEquations, asked: list[NamedTask], force: float) -> tuple[AccelerationMap, Array]:
-    """Return the map for zero times what is asked, and the change of v0 per unit of that factor; see `forest_map`."""
-    still = [one._replace(values=0.0 * one.values) for one in asked]
-    scaled = _scaled(of, on_accelerations(of, still), force)
-    change = np.zeros(len(scaled.e))
-    change[scaled.task] = np.concatenate([np.zeros(0), *(one.values for one in asked)])
+def scaled_forest_map(
+    of: ForestEquations, asked: list[NamedTask], force: float, *, payload: bool = False
+) -> tuple[AccelerationMap, Array]:
+    """Return the map at sigma = 0, and the change of v0 per unit of sigma; see `forest_map`.
+
+    What is asked is multiplied by sigma; or, with `payload`, the inertia of the only object.
+
+    Raises:
+        StateError: the chain cannot have these accelerations, or some of that of the payload is not asked.
+    """
+    held = asked if payload else [one._replace(values=0.0 * one.values) for one in asked]
+    scaled = _scaled(of, on_accelerations(of, held), force)
+    e, change = scaled.e.copy(), np.zeros(len(scaled.e))
+    if payload:
+        part, alpha = _payload(of, asked)
+        rows = len(of.G) + np.searchsorted(np.flatnonzero(of.passive), np.arange(part.start, part.stop))
+        size = np.repeat([1.0 / float(force_metric(of.motion).length), 1.0], 3) / force
+        weight = of.M[part, part] @ alpha + of.h[part] + of.pushed[part]
+        scaled.E[rows, part] = 0.0  # alpha is asked
+        e[rows], change[rows] = size * of.pushed[part], -size * weight
+    else:
+        change[scaled.task] = np.concatenate([np.zeros(0), *(one.values for one in asked)])
     v1, _ = _solved(of, scaled, change, asked)
-    return _map(of, _solved(of, scaled, scaled.e, asked), scaled, force), v1
+    return _map(of, _solved(of, scaled, e, asked), scaled, force), v1
+
+
+def _payload(of: ForestEquations, asked: list[NamedTask]) -> tuple[slice, Array]:
+    """Return the place of the only object's acceleration, and that acceleration, (6,)."""
+    objects = of.chain.as_forest.objects
+    if len(objects) != 1:
+        raise StateError(f"payload: expected False in a chain with {len(objects)} objects; True is for one")
+    (name, k), task = *objects.items(), {one.name: one for one in asked}
+    if name not in task:
+        raise StateError(f"acceleration: expected that of '{name}' for its payload")
+    return of.motion.forest.velocities[k], np.linalg.pinv(task[name].rows) @ task[name].values
 
 
 def forest_force(of: ForestEquations, asked: list[NamedTask]) -> float:

@@ -15,7 +15,7 @@ from holdfast.model.trunk import BASE
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.spatial.scalar import Array
 
-FLOATING = f"{TRUNK}/{BASE}"
+BASE_FRAME = f"{TRUNK}/{BASE}"
 
 
 class NamedTask(NamedTuple):
@@ -55,7 +55,7 @@ def named_tasks(equations: ForestEquations, acceleration: Any, task: Any) -> lis
     if not objects:
         if acceleration is not None:
             raise StateError("acceleration: expected values by name in a chain without an object; try a mapping")
-        return [_named(FLOATING, None, None)] if equations.chain.floats else []
+        return [_named(BASE_FRAME, None, None)] if equations.chain.floats else []
     shape = (6,) if len(objects) == 1 else (len(objects), 6)
     given = np.zeros(shape) if acceleration is None else checks.numbers(acceleration, shape, "acceleration", StateError)
     return [NamedTask(name, np.eye(6), x) for name, x in zip(objects, given.reshape(-1, 6), strict=True)]
