@@ -10,7 +10,15 @@ from benchmarks.talos_box import LIMITS, asked, checked, talos, urdf
 
 import holdfast as hf
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
-from holdfast.forces import ForceCost, ForceLimits, distribute, grasp_margins, least_peak, lift_margin
+from holdfast.forces import (
+    ForceCost,
+    ForceLimits,
+    distribute,
+    distribution_parameters,
+    grasp_margins,
+    least_peak,
+    lift_margin,
+)
 from holdfast.forces.cone_solver import Verdict
 from holdfast.forces.distribute import distribution
 from holdfast.forces.force_question import ForceQuestion, force_question
@@ -303,5 +311,11 @@ def test_what_is_not_asked_of_forests():
     with pytest.raises(StateError, match=r"cannot change .* 'object'|satisfy all grasps"):
         distribute(loose, p.state)
     serial = limited_problem(4)
+    given, named = {"inputs": serial.inputs}, {"object": np.zeros(6)}
     with pytest.raises(StateError, match="one weight"):
-        distribute(serial.chain, serial.state, inputs=serial.inputs, cost=ForceCost(task={"object": 1.0}))
+        distribute(serial.chain, serial.state, **given, cost=ForceCost(task={"object": 1.0}))
+    with pytest.raises(StateError, match="one weight"):
+        distribution_parameters(serial.chain, serial.state, cost=ForceCost(task={"object": 1.0}))
+    for what in ("acceleration", "task"):
+        with pytest.raises(StateError, match=f"{what}: expected that of the object"):
+            distribute(serial.chain, serial.state, **given, **{what: named})

@@ -317,8 +317,8 @@ def distribution_parameters(
         found[name] = clip(np.array(every), -NO_LIMIT, NO_LIMIT)
     if limits.acceleration or limits.sample_time is not None:
         found[ACCELERATION_LIMITS] = clip(acceleration_ranges(chain, state, limits), -NO_LIMIT, NO_LIMIT)
-    if cost.task is not None:
-        found[TASK_WEIGHT] = np.array(cost.task)
+    if (weight := cost.task_weight()) is not None:
+        found[TASK_WEIGHT] = np.array(weight)
     if task is not None:
         rows = asked_rows(task)
         if len(rows) > 6:

@@ -81,9 +81,7 @@ def force_question(
     if answered_as_forest(chain):
         return _forest_question(chain, state, acceleration, task, cost or ForceCost(), limits, inputs)
     motion, wanted = _motion(chain, state, inputs), _asked(acceleration, task)
-    weight = None if cost is None else cost.task
-    if isinstance(weight, Mapping):
-        raise StateError("cost: task: expected one weight for a chain of serial arms that hold one object")
+    weight = None if cost is None else cost.task_weight()
     exact, force = wanted if weight is None else NOTHING, force_scale(motion, wanted.smallest)
     found = acceleration_map(motion, exact, force=force)
     if weight is None:
@@ -162,6 +160,9 @@ def _motion(chain: ClosedChain, state: State, inputs: Inputs | None):
 
 def _asked(acceleration: Any, task: Any) -> AccelerationTask:
     """Return what is asked, checked."""
+    for name, given in (("acceleration", acceleration), ("task", task)):
+        if isinstance(given, Mapping):
+            raise StateError(f"{name}: expected that of the object, for serial arms that hold one, got one by name")
     rows = asked_rows(task)
     given = np.zeros(len(rows)) if acceleration is None else acceleration
     return AccelerationTask(rows, checks.numbers(given, (len(rows),), "acceleration", StateError))

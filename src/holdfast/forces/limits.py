@@ -144,6 +144,16 @@ class ForceCost(Frozen):
             if (given := getattr(self, name)) is not None:
                 put(self, name, checks.numbers(given, None, f"cost: {name}", StateError))
 
+    def task_weight(self) -> float | None:
+        """Return the weight of what is asked of the object; None if it is asked exactly.
+
+        Raises:
+            StateError: there are weights by name, which only chains that are answered as forests take.
+        """
+        if isinstance(self.task, Mapping):
+            raise StateError("cost: task: expected one weight for serial arms that hold one object, got weights by name")
+        return self.task
+
     def effort_weights(self, chain: ClosedChain) -> Array:
         """Return w_j, (n,).
 
