@@ -58,9 +58,9 @@ ASKED = {
 }
 
 
-def assert_given_back(p, found, tolerance=1e-9):
+def assert_given_back(p, found, tolerance=1e-9, inputs=None):
     """Assert that forward dynamics with the torques returns accelerations, wrenches and forces of couplings."""
-    back = hf.forward_dynamics(p.chain, p.state, found.tau)
+    back = hf.forward_dynamics(p.chain, p.state, found.tau, inputs=inputs)
     pairs = [(back.qdd, found.qdd), (back.object_acceleration, found.object_acceleration)]
     pairs += [(back.grasp_wrench, found.grasp_wrench), (back.coupling_force, found.coupling_force)]
     pairs += [(back.base_acceleration, found.base_acceleration)] if p.chain.floats else []
@@ -88,6 +88,22 @@ def test_given_back(name):
         S = rows.get(frame, np.eye(6))
         k, _ = p.chain.as_forest.frame(p.chain, frame, "")
         np.testing.assert_allclose(S @ back.bodies.acceleration[k], values.get(frame, np.zeros(len(S))), atol=1e-9)
+
+
+@pytest.mark.parametrize("make", [grippers, palletiser, pot_and_lid])
+def test_under_wrenches(make):
+    """Wrenches on links and objects, and a base that moves, are part of the motion."""
+    p, random = make(), np.random.default_rng(1)
+    links = sum(arm.joint_count for arm in p.chain.arms.values())
+    of_objects = random.normal(size=(*np.shape(p.state.object_twist)[:-1], 6)) if p.chain.free_objects else None
+    inputs = hf.Inputs(
+        object_wrench=of_objects,
+        link_wrenches=random.normal(size=(links, 6)),
+        base_accelerations=random.normal(size=(len(p.chain.arms), 6)),
+    )
+    found = distribute(p.chain, p.state, {}, inputs=inputs)
+    assert np.abs(found.tau - distribute(p.chain, p.state, {}).tau).max() > 0.01
+    assert_given_back(p, found, inputs=inputs)
 
 
 def test_a_frame_beside_its_link():
@@ -307,6 +323,9 @@ def test_what_is_not_asked_of_forests():
         lift_margin(p.chain, p.state, {}, payload=True)
     with pytest.raises(MethodNotApplicable, match="expected serial arms"):
         distribute.vjp(p.chain, p.state, tau=np.zeros(16))
+    alone = palletiser()
+    with pytest.raises(StateError, match="by name of links or frames"):
+        distribute(alone.chain, alone.state)
     loose = replace(p.chain, grasps={})
     with pytest.raises(StateError, match=r"cannot change .* 'object'|satisfy all grasps"):
         distribute(loose, p.state)

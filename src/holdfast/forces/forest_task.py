@@ -53,9 +53,12 @@ def named_tasks(equations: ForestEquations, acceleration: Any, task: Any) -> lis
             raise StateError(f"task: expected rows by name in a chain with {len(objects)} objects; try a mapping")
         return [_named(objects[0], acceleration, task)]
     if not objects:
-        if acceleration is not None:
-            raise StateError("acceleration: expected values by name in a chain without an object; try a mapping")
-        return [_named(BASE_FRAME, None, None)] if equations.chain.floats else []
+        if acceleration is not None or not equations.chain.floats:
+            raise StateError(
+                "acceleration: expected values by name of links or frames in a chain without an object; try a mapping,"
+                " which may be empty"
+            )
+        return [_named(BASE_FRAME, None, None)]
     shape = (6,) if len(objects) == 1 else (len(objects), 6)
     given = np.zeros(shape) if acceleration is None else checks.numbers(acceleration, shape, "acceleration", StateError)
     return [NamedTask(name, np.eye(6), x) for name, x in zip(objects, given.reshape(-1, 6), strict=True)]

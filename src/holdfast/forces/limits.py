@@ -151,7 +151,7 @@ class ForceCost(Frozen):
             StateError: there are weights by name, which only chains that are answered as forests take.
         """
         if isinstance(self.task, Mapping):
-            raise StateError("cost: task: expected one weight for serial arms that hold one object, got weights by name")
+            raise StateError("cost: task: expected one weight for serial arms that hold one object, got a mapping")
         return self.task
 
     def effort_weights(self, chain: ClosedChain) -> Array:

@@ -356,7 +356,16 @@ GRASP_KINDS: dict[str, GraspKind] = {
         equality="connect",
     ),
     "ball": GraspKind((0, 1, 2), ("world", "world", "world"), friction=sliding, equality="connect"),
-    "sole": GraspKind((), (), (0, 1, 2), *_FULL, regrasped=tip_attitude, size="half_lengths", friction=standing),
+    "sole": GraspKind(
+        (),
+        (),
+        (0, 1, 2),
+        *_FULL,
+        regrasped=tip_attitude,
+        size="half_lengths",
+        friction=standing,
+        equality="weld",
+    ),
     "universal": GraspKind(
         (0, 1),
         ("tip", "object"),
