@@ -213,6 +213,22 @@ def test_reports():
         assert distribute(p.chain, p.state, asked(p, 1.0), limits=limits).status == status
 
 
+def test_centre_of_mass():
+    """Feet give all bodies together what is asked of their centre of mass, whatever else moves."""
+    p = humanoid()
+    wanted = np.array([0.3, -0.2, 0.5])
+    rest = {"trunk/base": np.eye(6)[:3], "object": np.eye(6)[:3]}
+    given = dict.fromkeys(rest, np.zeros(3)) | {"centre_of_mass": wanted}
+    found = distribute(p.chain, p.state, given, task=rest, limits=LIMITS)
+    assert found.status == "optimal"
+    mass = sum(body.link.mass for body in p.chain.forest.bodies)
+    feet = found.wrenches["left_leg_sole"][3:] + found.wrenches["right_leg_sole"][3:]
+    np.testing.assert_allclose(feet, mass * (wanted - p.chain.gravity), rtol=1e-9)
+    assert_given_back(p, found)
+    with pytest.raises(StateError, match=r"'centre_of_mass': expected shape \(r, 3\)"):
+        distribute(p.chain, p.state, {}, task={"centre_of_mass": np.eye(6)})
+
+
 def test_payload():
     """With the largest payload instead of the box some limit is met, and with a little more limits conflict."""
     p = humanoid()

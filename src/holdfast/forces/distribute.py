@@ -61,7 +61,8 @@ def distribute(
         acceleration: (6,) true acceleration [omega_dot; v_dot] of C, world axes, or (r,) the values of the task's rows;
             None for zero. In a chain that is answered as a forest it is (k, 6) for k objects, or a mapping by name: of
             an object, of "trunk/base", which floats, or of any link or frame, "arm/link"; of its origin, world axes.
-            What is not named there is free. Without an object None is for a floating base.
+            That of the "centre_of_mass" of all bodies is (3,). What is not named is free. Without an object None is for
+            a floating base.
         task: (r, 6) rows on the object's acceleration; what they leave out is free. None asks for all six. A mapping by
             name like the acceleration.
         cost: what makes a distribution good.

@@ -17,11 +17,12 @@ from holdfast.dynamics.tree.forest_inverse import driven
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import ForestRows, forest_rows, reach, turning, weighed_rows
 from holdfast.dynamics.tree.mechanism_terms import mechanism_arguments
-from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import centripetal, shift_twist
 from holdfast.state import Inputs, State
+
+CENTRE_OF_MASS = "centre_of_mass"  # among the names of frames
 
 
 class ForestEquations(NamedTuple):
@@ -56,20 +57,30 @@ class ForestEquations(NamedTuple):
         """The number n_v of accelerations."""
         return len(self.h)
 
-    def frame(self, name: str) -> tuple[Array, Array]:
+    def acceleration_of(self, name: str) -> tuple[Array, Array]:
         """Return J (6, n_v) and b (6,) of J qdd + b, the true acceleration of a frame's origin, world axes.
+
+        That of the centre of mass of all bodies, `CENTRE_OF_MASS`, has three rows.
 
         Raises:
             ModelError: there is no such frame.
-            StateError: it is the world.
         """
-        k, pose = self.chain.as_forest.frame(self.chain, name, f"acceleration of '{name}'")
-        if k is None:
-            raise StateError("acceleration: expected the name of a frame, not None, which is the world")
-        body, (S, s) = self.motion.bodies[k], self.to_points
-        J = self.rows.jacobians[k]
+        forest = self.chain.as_forest
+        if name == CENTRE_OF_MASS and name not in forest.objects:
+            links = [body.link for body in self.motion.forest.bodies]
+            each = [self._of_point(k, link.com) for k, link in enumerate(links)]
+            shares = np.array([link.mass for link in links]) / sum(link.mass for link in links)
+            of_rates, of_rest = np.array([J[3:] for J, _ in each]), np.array([b[3:] for _, b in each])
+            return np.tensordot(shares, of_rates, 1), shares @ of_rest
+        k, pose = forest.frame(self.chain, name, f"acceleration of '{name}'")
+        assert k is not None  # only None is the world
+        return self._of_point(k, pose.p)
+
+    def _of_point(self, k: int, p: Array) -> tuple[Array, Array]:
+        """Return the same for a point p of a body, (3,), in the axes of its frame."""
+        body, (S, s), J = self.motion.bodies[k], self.to_points, self.rows.jacobians[k]
         still = body.at.zeta + J @ s + np.concatenate([np.zeros(3), self.motion.forest.gravity])
-        l = body.at.frame.R @ pose.p - body.at.centre
+        l = body.at.frame.R @ p - body.at.centre
         about = np.concatenate([np.zeros(3), centripetal(body.at.twist[:3], l)])
         return np.array([shift_twist(l, column) for column in (J @ S).T]).T, shift_twist(l, still) + about
 

@@ -184,7 +184,7 @@ def _impossible(of: ForestEquations, scaled: ScaledForest, e: Array, asked: list
     for combination in lost.T:
         parts = zip(asked, np.split(combination, ends), strict=True)
         named = [
-            f"[omega_dot; v_dot] of '{one.name}' along {checks.place(d)}"
+            f"the acceleration of '{one.name}' along {checks.place(d)}"
             for one, x in parts
             if np.abs(d := x @ one.rows).max(initial=0.0) > MENTIONED
         ]
