@@ -199,6 +199,40 @@ def test_clarabel(form):
     assert own == pytest.approx(value + constant, rel=1e-7, abs=1e-7)
 
 
+def random_question(seed: int) -> tuple[hf.ClosedChain, hf.State, dict]:
+    """Return a question of which limits may conflict: of the humanoid in motion, or of grippers with random drives."""
+    random = np.random.default_rng(seed)
+    if seed % 2:
+        p = humanoid()
+        rates = 0.1 * random.normal(size=33)
+        guess = replace(p.state, q=p.state.q + 0.1 * random.normal(size=27), qd=rates[6:], base_twist=rates[:6])
+        wanted = {"trunk/base": 3.0 * random.normal(size=6), "object": 2.0 * random.normal(size=6)}
+        return p.chain, hf.close(p.chain, guess), wanted
+    p, share = grippers(seed), random.uniform(0.1, 2.0)
+    arms = {
+        name: replace(arm, joints=[replace(joint, effort_limit=20.0 * share) for joint in arm.joints])
+        for name, arm in p.chain.arms.items()
+    }
+    return replace(p.chain, arms=arms), p.state, {"object": 2.0 * random.normal(size=6)}
+
+
+@pytest.mark.parametrize("seed", mostly_slow(range(20), (0, 1)))
+def test_random_questions(seed):
+    """Given back by forward dynamics, with the verdict and the value that Clarabel finds for hard limits."""
+    pytest.importorskip("clarabel", reason="needs Clarabel: pip install 'holdfast[dev]'")
+    chain, state, wanted = random_question(seed)
+    found = distribute(chain, state, wanted)
+    assert found.residual <= 1e-7
+    assert_given_back(Branched(chain, state, found.tau), found)
+    question = force_question(chain, state, wanted, None, None, None, None)
+    done, posed = question.asked("effort"), question.posed("effort")
+    status, value = by_clarabel(posed)
+    assert (done.verdict is Verdict.OPTIMAL) == (found.status == "optimal") == (status in ("Solved", "AlmostSolved"))
+    if found.status == "optimal":
+        assert done.value == pytest.approx(value + posed.constant, rel=1e-7, abs=1e-7)
+        assert found.value == pytest.approx(done.value, rel=1e-6)
+
+
 @pytest.mark.slow
 def test_reports():
     """Beyond the largest share of an acceleration limits conflict; with weaker drives than the least peak, too."""

@@ -77,7 +77,8 @@ def listed_name(limit: Limit) -> str:
         return f"{joint[0]}/{joint[2]} at its {limit.side} limit"
     if limit.what == "acceleration":
         return f"{limit.of} accelerates at its {limit.side} limit"
-    return f"{limit.what.removesuffix(' force')} of {limit.of}"
+    side = f"{limit.side} " if limit.side else ""
+    return f"{side}{limit.what.removesuffix(' force')} of {limit.of}"
 
 
 def build_force_case(data: force_case_data.ForceCaseData, source: str = "case", root: str = "$") -> ForceCase:
