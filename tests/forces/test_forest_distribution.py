@@ -388,3 +388,24 @@ def test_what_is_not_asked_of_forests():
     for what in ("acceleration", "task"):
         with pytest.raises(StateError, match=f"{what}: expected that of the object"):
             distribute(serial.chain, serial.state, **given, **{what: named})
+
+
+@pytest.mark.slow
+def test_as_a_law():
+    """In a run, the box rises as asked while the robot stands, and friction of loops is only recorded."""
+    p = humanoid()
+
+    def law(t, now, memory):
+        wanted = {"trunk/base": -20.0 * now.base_twist, "object": np.array([0, 0, 0, 0, 0, 0.5])}
+        calm = ForceCost(joint_acceleration=-20.0 * now.qd)
+        return distribute(p.chain, now, wanted, limits=LIMITS, cost=calm).tau, memory
+
+    run = hf.simulate(p.chain, p.state, law, 0.02, 0.01, on_slip="record")
+    risen = run.object_pose[-1, 6] - p.state.object_pose[6]
+    assert risen == pytest.approx(0.5 * 0.5 * 0.02**2, rel=1e-9)
+    margins = grasp_margins(p.chain, run.state(2), run.grasp_wrench[-1])
+    assert margins.min() > 1.0 - 1e-6
+    legs = replace(p.chain, grasps={}, held_object=None)
+    still = hf.State(p.state.q, p.state.qd, base_pose=p.state.base_pose)
+    with pytest.raises(MethodNotApplicable, match="'record' for loop 'left_leg_sole'"):
+        hf.simulate(legs, still, law, 0.02, 0.01)

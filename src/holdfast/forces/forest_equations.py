@@ -14,6 +14,7 @@ import numpy as np
 from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
 from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_inverse import driven
+from holdfast.dynamics.tree.forest_kkt import mass_and_load
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import ForestRows, forest_rows, reach, turning, weighed_rows
 from holdfast.dynamics.tree.mechanism_terms import mechanism_arguments
@@ -114,14 +115,10 @@ def forest_equations(chain: ClosedChain, state: State, inputs: Inputs | None) ->
     forest, rows = motion.forest, forest_rows(motion)
     n = forest.velocity_count
     S, s, pushed = np.eye(n), np.zeros(n), np.zeros(n)
-    M, h = np.diag(np.concatenate([body.armature for body in motion.bodies])), np.zeros(n)
-    for body, J, part in zip(motion.bodies, rows.jacobians, forest.velocities, strict=True):
-        M = M + J.T @ body.inertia.dense() @ J
-        h = h + J.T @ (body.load - body.wrench)
-        h[part] -= body.torque
+    M, load = mass_and_load(motion, rows)
+    for body, part in zip(motion.bodies, forest.velocities, strict=True):
         if body.floats:
             S[part, part] = np.array([shift_twist(body.at.centre, unit) for unit in np.eye(6)]).T
             s[part], pushed[part] = body.point_acceleration(np.zeros(6)), body.wrench
-    right = rows.r - rows.G @ s
-    h, pushed = S.T @ (h + M @ s), S.T @ pushed
-    return ForestEquations(chain, motion, rows, (S, s), S.T @ M @ S, h, rows.G @ S, right, pushed, ~driven(forest))
+    h, pushed, r = S.T @ (M @ s - load), S.T @ pushed, rows.r - rows.G @ s
+    return ForestEquations(chain, motion, rows, (S, s), S.T @ M @ S, h, rows.G @ S, r, pushed, ~driven(forest))
