@@ -39,7 +39,7 @@ from tests.systems.branched import (
 from tests.systems.limited import asked_of, limited_problem
 from tests.systems.standing import Standing, humanoid_with_box
 
-Z = np.eye(6)[5:]
+Z, UP = np.eye(6)[5:], np.eye(6)[5]
 HEAVE = {"object": np.array([0.3])}  # of the box on a flying trunk, whose momentum nothing else changes
 
 
@@ -362,6 +362,16 @@ def test_refused_by_name(given, error, words):
     p = pot_and_lid()
     with pytest.raises(error, match=words):
         distribute(p.chain, p.state, **given)
+
+
+def test_names_of_frames():
+    """A frame that cannot move at all is named once, and wrong names lead to the right ones."""
+    p = humanoid()
+    with pytest.raises(StateError, match=r"it cannot change the acceleration of 'left_leg/link6' at all\. Try"):
+        distribute(p.chain, p.state, {"left_leg/link6": UP, "object": np.zeros(6)})
+    for name, meant in (("trunk", "trunk/base"), ("base", "trunk/base"), ("left_leg", "left_leg/link6")):
+        with pytest.raises(ModelError, match=f"no '{name}'.*'{meant}'"):
+            distribute(p.chain, p.state, {name: UP})
 
 
 def test_what_is_not_asked_of_forests():

@@ -179,16 +179,16 @@ def _impossible(of: ForestEquations, scaled: ScaledForest, e: Array, asked: list
             " what has no drive is carried; got one without. Try holdfast.diagnose, or a drive (actuated=True)"
         )
     _, lost = lost_directions(scaled.E, scaled.task, slice(0, of.size), scaled.scales)
-    ends = np.cumsum([len(one.rows) for one in asked])[:-1]
-    listed = []
-    for combination in lost.T:
-        parts = zip(asked, np.split(combination, ends), strict=True)
+    each = [*zip(asked, np.split(lost, np.cumsum([len(one.rows) for one in asked])[:-1]), strict=True)]
+    whole = [one.name for one, x in each if np.sum(x * x) > len(x) - MENTIONED]  # of which every row is lost
+    listed = [f"the acceleration of '{name}' at all" for name in whole]
+    for j in range(lost.shape[1]):
         named = [
             f"the acceleration of '{one.name}' along {checks.place(d)}"
-            for one, x in parts
-            if np.abs(d := x @ one.rows).max(initial=0.0) > MENTIONED
+            for one, x in each
+            if one.name not in whole and np.abs(d := x[:, j] @ one.rows).max(initial=0.0) > MENTIONED
         ]
-        listed.append(" with ".join(named))
+        listed += [" with ".join(named)] if named else []
     why = f"it cannot change {'; '.join(listed)}" if listed else "the velocities of this state demand others"
     return StateError(
         f"acceleration: expected one that the chain can have in this state; {why}. Try task=, which leaves directions"

@@ -14,6 +14,7 @@ from holdfast.model.coupling import Coupling
 from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.trunk import BASE
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.spatial.frozen import Frozen, changed
 from holdfast.spatial.pose import Pose
@@ -150,10 +151,13 @@ def frame_of(
     if given is None or given in objects:
         return None if given is None else objects[given], Pose.identity()
     arm, _, frame = str(given).partition("/")
-    if chain.trunk is not None and arm == TRUNK:
+    if chain.trunk is not None and arm == TRUNK and frame:
         return chain.trunk.body(frame, what), Pose.identity()
     if arm not in arms or not frame:
-        ends = [*objects, *(f"{one}/{link.name}" for one, found in chain.arms.items() for link in found.links)]
+        of_trunk = [] if chain.trunk is None else [f"{TRUNK}/{link.name}" for link in chain.trunk.links]
+        of_trunk += [f"{TRUNK}/{BASE}"] if chain.floats else []
+        of_arms = [f"{one}/{link.name}" for one, found in chain.arms.items() for link in found.links]
+        ends = [*objects, *of_trunk, *of_arms]
         raise ModelError(f"{what}: no '{given}'.{checks.did_you_mean(str(given), ends)}")
     link, at = chain.arms[arm].frame(frame, what)
     return arms[arm][link], at
