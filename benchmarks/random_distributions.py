@@ -20,7 +20,8 @@ from scipy import sparse
 from tests.systems.limited import asked_of, limited_problem
 
 from holdfast.errors import HoldfastError
-from holdfast.forces.acceleration_map import ObjectTask, acceleration_map, motion_without_torques, scaled_map
+from holdfast.forces.acceleration_map import acceleration_map, motion_without_torques, scaled_map
+from holdfast.forces.affine_map import AccelerationTask
 from holdfast.forces.cone_solver import Verdict
 from holdfast.forces.distribute import ForceQuestion, elastic, force_question
 from holdfast.forces.elastic_distribution import DISTRIBUTE
@@ -73,9 +74,9 @@ def question(seed: int, form: Form) -> ForceQuestion:
     motion = motion_without_torques(p.chain, p.state, p.inputs.shaped(p.chain))
     v1 = None
     if form == "scale":
-        found, v1 = scaled_map(motion, ObjectTask(np.eye(6), np.zeros(6)), np.resize(values, 6))
+        found, v1 = scaled_map(motion, AccelerationTask(np.eye(6), np.zeros(6)), np.resize(values, 6))
     else:
-        found = acceleration_map(motion, ObjectTask(np.eye(6) if task is None else task, values))
+        found = acceleration_map(motion, AccelerationTask(np.eye(6) if task is None else task, values))
     return ForceQuestion(p.state, found, limit_rows(found, p.state, ForceLimits()), costs(found, ForceCost()), v1)
 
 

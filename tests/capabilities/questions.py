@@ -242,7 +242,7 @@ FORCES = [
     Question("`ObjectTracking`", tracking),
 ]
 LAWS = [
-    Question("`distribute`", lambda c: forces.distribute(c.chain, at_rest(c), np.zeros(6)).tau),
+    Question("`distribute`", lambda c: forces.distribute(c.chain, at_rest(c)).tau),
     Question("`cooperative_law`", lambda c: torques_of(c, law_of(c, control.InternalForce(10.0)))),
     Question("all kinds of forces", every_force),
     Question("within limits", lambda c: torques_of(c, law_of(c, limits=forces.ForceLimits()))),

@@ -16,7 +16,8 @@ ANSWERED = {
     "ClosedChain", "close", "compile", "control.GravityCompensation", "control.ObjectTracking",
     "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
     "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
-    "dynamics.power", "dynamics.release", "forward_dynamics", "forward_dynamics_jacobian",
+    "dynamics.power", "dynamics.release", "forces.distribute", "forces.grasp_margins", "forces.least_peak",
+    "forces.lift_margin", "forward_dynamics", "forward_dynamics_jacobian",
     "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise", "simulate",
 }  # fmt: skip
 # results, which functions of this register make
@@ -34,6 +35,7 @@ BESIDE = {
     "dynamics.momentum_rate": {"result": hf.forward_dynamics(*two_arms_with_grippers())},
     "dynamics.power": {"result": hf.forward_dynamics(*two_arms_with_grippers())},
     "dynamics.release": {"name": ("arm1", "pad1")},
+    "forces.grasp_margins": {"grasp_wrench": np.ones((3, 6))},
     "forward_dynamics_jvp": {"along": {"tau": np.ones(16)}},
     "forward_dynamics_vjp": {"qdd": np.ones(16)},
     "simulate": {"duration": 2e-3, "step": 1e-3, "controller": lambda t, state, memory: (np.zeros(16), memory)},

@@ -14,11 +14,12 @@ from holdfast.spatial.spatial_vector import rotate
 from tests.model.parts import BOX, arm
 from tests.systems.problems import random_problem
 
-MU, E, L = 0.6, 0.02, 0.05
+MU, E, L, A, B = 0.6, 0.02, 0.05, 0.1, 0.04
 ONE_SIDED = {
     "ball": Grasp("ball", contact=Friction(MU)),
     "softfinger": Grasp("softfinger", contact=Friction(MU, torsion_radius=E)),
     "hinge": Grasp("hinge", contact=Friction(MU, half_length=L)),
+    "sole": Grasp("sole", contact=Friction(MU, half_lengths=(A, B))),
 }
 
 
@@ -29,11 +30,13 @@ def margin_of(grasp: Grasp, f) -> float:
 
 def formula(kind: str, f) -> float:
     """Return the margin as it is written down."""
-    _, m_y, m_n, f_x, f_y, f_n = f
+    m_x, m_y, m_n, f_x, f_y, f_n = f
     slides = MU * f_n - np.hypot(f_x, f_y)
     if kind == "softfinger":
         slides = MU * f_n - np.sqrt(f_x**2 + f_y**2 + (m_n / E) ** 2)
     tips = (L * f_n - abs(m_y)) / L if kind == "hinge" else np.inf
+    if kind == "sole":
+        tips = min(f_n - abs(m_y) / A, f_n - abs(m_x) / B)
     return min(slides, tips, f_n)
 
 
@@ -55,6 +58,9 @@ def test_one_sided(kind, seed):
         ("softfinger", [0, 0, 0.06, 0, 4, 10], 1.0),
         ("hinge", [0, 0.4, 9, 0, 0, 10], 2.0),
         ("hinge", [0, -0.6, 0, 0, 0, 10], -2.0),
+        ("sole", [0.2, 0.9, 50, 0, 0, 10], 1.0),  # over the front edge; no limit about the normal
+        ("sole", [-0.48, 0.5, 0, 0, 0, 10], -2.0),  # over the side edge
+        ("sole", [0.1, 0.1, 0, 3, 4, 10], 1.0),
     ],
 )
 def test_by_hand(kind, wrench, margin):

@@ -149,8 +149,7 @@ def test_random_questions(seed):
     assert_given_back(p, found)
     back = hf.forward_dynamics(p.chain, p.state, found.tau, inputs=p.inputs)
     base = np.zeros(0) if back.base_acceleration is None else back.base_acceleration
-    contacts = zip(p.chain.grasps, question.found.motion.contacts, strict=True)
-    forces = [c.K @ found.grasp_wrench[p.chain.names.index(name)] for name, c in contacts]
+    forces = [one.contact.K @ found.grasp_wrench[one.row] for one in question.found.grasps]
     v = np.concatenate([base, found.qdd, found.object_acceleration, *forces])
     v0 = float(found.violation) / F
     own = 0.5 * np.sum((question.costs.Q @ v + question.costs.r) ** 2) + cost.price * v0 + 0.5 * v0**2

@@ -53,8 +53,8 @@ def test_slope_along_every_motion(seed, task, weight):
     of, size = asked.found, asked.found.force
     v, extra = np.zeros(len(of.v0)), found.violation / size
     v[of.qdd], v[of.alpha] = found.qdd, found.object_acceleration
-    for name, contact, part in zip(p.chain.grasps, of.motion.contacts, of.wrenches, strict=True):
-        v[part] = contact.K @ found.grasp_wrench[p.chain.names.index(name)]
+    for one in of.grasps:
+        v[one.part] = one.contact.K @ found.grasp_wrench[one.row]
     np.testing.assert_allclose(of.N @ np.linalg.lstsq(of.N, v - of.v0)[0], v - of.v0, atol=1e-9 * np.abs(v).max())
     slope, of_v = of.N.T @ (asked.costs.Q.T @ (asked.costs.Q @ v + asked.costs.r)), price + extra - mu / extra
     sizes = np.abs(slope)

@@ -131,6 +131,21 @@ def test_at_a_price(name):
         assert least * (1 - 1e-7) <= found.extra <= 1.01 * least
 
 
+def test_a_sole(write, solve):
+    """The faces of two rigid hands as soles: their half lengths reach the model, and each edge has a name."""
+    case = copy.deepcopy(BY_NAME["two_rigid_effort"])
+    del case["expected"]
+    for arm in case["arms"]:
+        del arm["grasp"]["wrench_limits"]
+        arm["grasp"] |= {"type": "sole", "friction": {"mu": 0.5, "half_lengths": [0.05, 0.03]}}
+    (found,) = load_cases(write(case))
+    assert [grasp.contact.half_lengths for grasp in found.chain.grasps.values()] == 2 * [(0.05, 0.03)]
+    names = [listed_name(limit) for limit in found.question().limits]
+    assert len(set(names)) == len(names)
+    assert sum(name.startswith(("front edge of", "side edge of")) for name in names) == 4
+    assert solve(write(case))[0] == 0
+
+
 @pytest.mark.parametrize(("length", "mass"), [(1.0, 1e-3), (1.0, 1e3), (0.1, 1e-3), (10.0, 30.0)])
 @pytest.mark.parametrize("name", ["two_soft_tight", "three_soft_peak", "hinge_soft_overloaded"])
 def test_scales(name, length, mass, write):

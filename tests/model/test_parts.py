@@ -26,6 +26,7 @@ CONTACTS = {
     "ball": Friction(0.5),
     "softfinger": Friction(0.5, torsion_radius=0.01),
     "hinge": Friction(0.5, half_length=0.05),
+    "sole": Friction(0.5, half_lengths=(0.1, 0.05)),
 }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from msgspec import convert
 
-from holdfast import HeldObject
+from holdfast import Friction, HeldObject
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.dynamics import closure
@@ -122,6 +122,15 @@ def test_one_sided_contacts_tips_and_tools(tmp_path):
     assert contact.mu == 0.6
     assert chain.arms["left"].tip.p == pytest.approx([0, 0, 0.207])
     assert chain.arms["left"].tip.R[:2, 0] == pytest.approx([np.cos(1.5), np.sin(1.5)])
+
+
+def test_a_sole(tmp_path):
+    """The two half lengths of a sole reach the model; one without them is refused with its place."""
+    sole = 'kind = "sole"\ncontact = { mu = 0.6, half_lengths = [0.1, 0.06] }'
+    contact = loaded(tmp_path, changed('kind = "rigid"', sole)).chain.grasps["left"].contact
+    assert contact == Friction(0.6, half_lengths=(0.1, 0.06))
+    said = refusal(tmp_path / "bad.toml", changed('kind = "rigid"', 'kind = "sole"\ncontact = { mu = 0.6 }'))
+    assert "a sole contact needs half_lengths" in said
 
 
 MORE = """

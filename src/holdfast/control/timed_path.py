@@ -15,7 +15,8 @@ from holdfast.control.path_by_share import PathByShare, closed_along, path_by_sh
 from holdfast.control.paths import Joints, ObjectPath, Target, path_function
 from holdfast.control.piecewise import row_at
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
-from holdfast.forces.acceleration_map import ObjectTask, acceleration_map
+from holdfast.forces.acceleration_map import acceleration_map
+from holdfast.forces.affine_map import AccelerationTask
 from holdfast.forces.limits import ForceLimits
 from holdfast.forces.path_interval import durations
 from holdfast.forces.path_point import PathPoint, is_damped, motion_at, path_point
@@ -254,7 +255,7 @@ def _span(span: Any) -> tuple[float, float]:
 def _require_quadratic(chain: ClosedChain, state: State) -> None:
     """Refuse forces that are no quadratic function of the speed."""
     still, there, back, fast = (
-        acceleration_map(motion_at(chain, state, rate), ObjectTask(np.eye(6), np.zeros(6)))
+        acceleration_map(motion_at(chain, state, rate), AccelerationTask(np.eye(6), np.zeros(6)))
         for rate in (0.0, 1.0, -1.0, 2.0)
     )
     for x0, x1, x_1, x2 in ((m.t for m in (still, there, back, fast)), (m.v0 for m in (still, there, back, fast))):

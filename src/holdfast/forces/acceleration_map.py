@@ -28,84 +28,21 @@ from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.dynamics.trunk.whole_chain import whole_chain
 from holdfast.errors import StateError
+from holdfast.forces.affine_map import (
+    ACCELERATION_SCALE,
+    SMALLEST_FORCE_SCALE,
+    UNREACHED,
+    AccelerationMap,
+    AccelerationTask,
+    GraspPlace,
+    lost_directions,
+    solutions,
+)
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State
-
-SMALLEST_FORCE_SCALE = 1.0  # N: the scale of forces is not smaller
-ACCELERATION_SCALE = 10.0  # rad/s^2 or m/s^2: the scale of accelerations
-INDEPENDENT = 1e-10  # singular values of the scaled equations below this, relative to the largest, count as zero
-UNREACHED = 1e-8  # largest accepted residual of the scaled equations, relative to their right sides
-
-
-class AccelerationMap(NamedTuple):
-    """The affine set v = v0 + N x of all motions and wrenches, and the drives' torques tau = T v + t.
-
-    Attributes:
-        motion: the chain's motion, without torques.
-        v0: (m,) one solution, the smallest in the units of `scales`.
-        N: (m, k) basis of the others.
-        T: (n, m) torques per unknown.
-        t: (n,) torques at v = 0.
-        length: L, the rms distance of the contacts from their centroid [m].
-        force: F0, the size of the force that the object needs, at least 1 N.
-    """
-
-    motion: ChainMotion
-    v0: Array
-    N: Array
-    T: Array
-    t: Array
-    length: float
-    force: float
-
-    @property
-    def base(self) -> slice:
-        """Place of a floating base's acceleration in v, empty without one."""
-        return slice(0, 6 if self.motion.chain.floats else 0)
-
-    @property
-    def qdd(self) -> slice:
-        """Place of the joints' accelerations."""
-        first = self.base.stop
-        return slice(first, first + self.motion.chain.joint_count)
-
-    @property
-    def alpha(self) -> slice:
-        """Place of the object's true acceleration."""
-        return slice(self.qdd.stop, self.qdd.stop + 6)
-
-    @property
-    def wrenches(self) -> list[slice]:
-        """Places of lambda of each grasp, in the order of `chain.grasps`."""
-        ends = self.alpha.stop + np.cumsum([0, *(len(c.rows) for c in self.motion.contacts)])
-        return [slice(int(a), int(b)) for a, b in pairwise(ends)]
-
-    def grasp_wrenches(self, v: Array) -> Array:
-        """Return the wrench of each arm on the object about its contact, world axes, (arms, 6).
-
-        That of a bushing is the one that it exerts.
-        """
-        chain = self.motion.chain
-        f = np.zeros((len(chain.arms), 6))
-        for name, c, part in zip(chain.grasps, self.motion.contacts, self.wrenches, strict=True):
-            known = self.motion.arms[name].known
-            f[chain.names.index(name)] = c.K.T @ v[part] if known is None else known
-        return f
-
-
-class ObjectTask(NamedTuple):
-    """What is asked of the object: rows (r, 6) on its true acceleration, and their values (r,)."""
-
-    rows: Array
-    values: Array
-
-    @property
-    def smallest(self) -> Array:
-        """The smallest acceleration that has these values, (6,)."""
-        return np.linalg.pinv(self.rows) @ self.values if len(self.rows) else np.zeros(6)
 
 
 def asked_rows(task: ArrayLike | None) -> Array:
@@ -132,6 +69,7 @@ class ScaledEquations(NamedTuple):
         task_rows: the rows of what is asked.
         T: (n, m).
         t: (n,).
+        unfelt: number of rows that make forces without effect zero.
     """
 
     E: Array
@@ -142,6 +80,7 @@ class ScaledEquations(NamedTuple):
     task_rows: slice
     T: Array
     t: Array
+    unfelt: int
 
 
 def motion_without_torques(chain: ClosedChain, state: State, inputs: Inputs) -> ChainMotion:
@@ -156,7 +95,7 @@ def force_scale(motion: ChainMotion, alpha: Array) -> float:
 
 
 def acceleration_map(
-    motion: ChainMotion, asked: ObjectTask, *, free_unfelt: bool = False, force: float | None = None
+    motion: ChainMotion, asked: AccelerationTask, *, free_unfelt: bool = False, force: float | None = None
 ) -> AccelerationMap:
     """Return all motions and wrenches with the asked acceleration. O(n^3).
 
@@ -173,13 +112,12 @@ def acceleration_map(
     force = force_scale(motion, asked.smallest) if force is None else force
     equations = _equations(motion, asked, force, free_unfelt)
     v0, N = _solved(equations, equations.e, motion)
-    length = float(length_scale([c.offset for c in motion.contacts]))
-    return AccelerationMap(motion, v0, N, equations.T, equations.t, length, force)
+    return _map(motion, v0, N, equations, force)
 
 
 def scaled_map(
     motion: ChainMotion,
-    held: ObjectTask,
+    held: AccelerationTask,
     more: Array,
     *,
     payload: bool = False,
@@ -213,26 +151,22 @@ def scaled_map(
         e[rows], change[rows] = -equations.row_scale * body.wrench, equations.row_scale * weight
     v0, N = _solved(equations, e, motion)
     v1, _ = _solved(equations, change, motion)
-    length = float(length_scale([c.offset for c in motion.contacts]))
-    return AccelerationMap(motion, v0, N, equations.T, equations.t, length, force), v1
+    return _map(motion, v0, N, equations, force), v1
 
 
-def towards_task(found: AccelerationMap, asked: ObjectTask, weight: float) -> AccelerationMap:
-    """Return the same set of motions in coordinates in which a task weighs about as much as everything else.
-
-    With B = weight S N = U s V^T and d, weight times what v0 misses, v0 moves on by N V s / (1 + s^2) U^T d, and N
-    becomes N V / sqrt(1 + s^2). Otherwise a large weight would hide all other costs in rounding.
-    """
-    U, s, Vt = np.linalg.svd(weight * asked.rows @ found.N[found.alpha])
-    missing = weight * (asked.values - asked.rows @ found.v0[found.alpha])
-    gains = np.zeros(len(Vt))
-    gains[: len(s)] = s
-    y = np.zeros(len(Vt))
-    y[: len(s)] = s / (1.0 + s * s) * (U.T @ missing)[: len(s)]
-    return found._replace(v0=found.v0 + found.N @ (Vt.T @ y), N=found.N @ (Vt.T / np.sqrt(1.0 + gains**2)))
+def _map(motion: ChainMotion, v0: Array, N: Array, equations: ScaledEquations, force: float) -> AccelerationMap:
+    chain, length = motion.chain, float(length_scale([c.offset for c in motion.contacts]))
+    alpha = slice(chain.velocity_count - 6, chain.velocity_count)
+    ends = alpha.stop + np.cumsum([0, *(len(c.rows) for c in motion.contacts)])
+    grasps = tuple(
+        GraspPlace(name, c, slice(int(a), int(b)), chain.names.index(name), motion.arms[name].known)
+        for name, c, (a, b) in zip(chain.grasps, motion.contacts, pairwise(ends), strict=True)
+    )
+    rows = len(chain.arms)
+    return AccelerationMap(chain, grasps, v0, N, equations.T, equations.t, length, force, equations.unfelt, rows, alpha)
 
 
-def _equations(motion: ChainMotion, asked: ObjectTask, force: float, free_unfelt: bool) -> ScaledEquations:
+def _equations(motion: ChainMotion, asked: AccelerationTask, force: float, free_unfelt: bool) -> ScaledEquations:
     chain, rows = motion.chain, constraint_rows(motion)
     length = float(length_scale([c.offset for c in motion.contacts]))
     floating = 6 if chain.floats else 0
@@ -274,6 +208,7 @@ def _equations(motion: ChainMotion, asked: ObjectTask, force: float, free_unfelt
         slice(int(ends[3]), int(ends[4])),
         to_torques[floating:],
         bias,
+        int(ends[-1] - ends[4]),
     )
 
 
@@ -313,18 +248,10 @@ def _solved(equations: ScaledEquations, e: Array, motion: ChainMotion) -> tuple[
     Raises:
         StateError: there is none.
     """
-    checks.finite(np.append(equations.E.sum(axis=1), e), "equations of motion")
-    sizes = np.linalg.norm(equations.E, axis=1)
-    sizes[sizes == 0.0] = 1.0
-    E, right = equations.E / sizes[:, None], e / sizes
-    U, s, Vt = np.linalg.svd(E)
-    rank = int((s > INDEPENDENT * s.max(initial=0.0)).sum())
-    y = Vt[:rank].T @ ((U[:, :rank].T @ right) / s[:rank])
-    y = y + Vt[:rank].T @ ((U[:, :rank].T @ (right - E @ y)) / s[:rank])
-    left = np.abs(E @ y - right)
-    if not left.max(initial=0.0) <= UNREACHED * max(1.0, float(np.abs(right).max(initial=0.0))):
+    found = solutions(equations.E, e, equations.scales)
+    if found is None:
         raise _impossible(equations, motion)
-    return equations.scales * y, equations.scales[:, None] * Vt[rank:].T
+    return found
 
 
 def _impossible(equations: ScaledEquations, motion: ChainMotion) -> StateError:
@@ -335,16 +262,8 @@ def _impossible(equations: ScaledEquations, motion: ChainMotion) -> StateError:
         for name, c, part in zip(chain.grasps, motion.contacts, rows.slices, strict=True)
         if (lost := len(c.rows) - _rank(np.hstack([rows.joints, rows.base])[part]))
     ]
-    task = equations.task_rows
-    others = np.delete(equations.E, np.r_[task], axis=0)
-    _, s, Vt = np.linalg.svd(others)
-    free = Vt[int((s > INDEPENDENT * s.max(initial=0.0)).sum()) :]
-    reached = equations.E[task] @ free.T
-    U, s, _ = np.linalg.svd(reached)
-    lost = U[:, int((s > UNREACHED * np.abs(equations.E[task]).max(initial=0.0)).sum()) :]
     alpha = slice(chain.velocity_count - 6, chain.velocity_count)
-    rows_lost = lost.T @ (equations.E[task, alpha] / equations.scales[alpha])
-    directions = [d / np.linalg.norm(d) for d in rows_lost if d.any()]
+    directions, _ = lost_directions(equations.E, equations.task_rows, alpha, equations.scales)
     listed = ", ".join(f"[omega_dot; v_dot] = {checks.place(d)}" for d in directions)
     if not chain.grasps:
         why = "no arm holds it"

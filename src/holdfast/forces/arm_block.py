@@ -58,7 +58,7 @@ class OfArm(NamedTuple):
         weight: (N,) of squared torques.
         wished: (N,) accelerations.
         wish: (6,) wrench, contact axes.
-        contact: (6,) numbers of `questions.arrays.contact_of`, or none.
+        contact: (7,) numbers of `questions.arrays.contact_of`, or none.
         bounds: demanded margin, least and largest normal force, or none.
         acceleration: (2, N) lowest and highest accelerations, or none.
     """
@@ -172,11 +172,11 @@ def _in_contact_axes(held: Contact, arm: ArmMotion) -> tuple[Array, Array]:
 
 def cone_conditions(held: Contact, contact: Array) -> list[Condition]:
     """Return the conditions of a grasp that are cones, with the numbers of `contact`; pressing is a bound."""
-    grasp, (_, mu, size, moment, force, lever) = held.grasp, contact
+    grasp, mu, (moment, force, lever) = held.grasp, contact[1], contact[4:]
     kind, limits = grasp.of_kind, grasp.wrench_limits or WrenchLimits()
     found: list[Condition] = []
     if grasp.contact is not None and kind.friction is not None:
-        found += [one for one in kind.friction(mu, size) if one.loading.dtype == object or np.any(one.loading)]
+        found += [one for one in kind.friction(mu, contact[2:4]) if one.loading.dtype == object or np.any(one.loading)]
     rated = largest_force_and_moment(moment, force, lever)
     return found + [one for one, x in zip(rated, (limits.force, limits.moment), strict=True) if math.isfinite(x)]
 

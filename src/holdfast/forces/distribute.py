@@ -2,81 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.constraint import free_wrenches
 from holdfast.errors import StateError
-from holdfast.forces.acceleration_map import (
-    AccelerationMap,
-    ObjectTask,
-    acceleration_map,
-    asked_rows,
-    force_scale,
-    motion_without_torques,
-    scaled_map,
-    towards_task,
-)
 from holdfast.forces.certificate import Certificate, certificate, kept
 from holdfast.forces.cone_solver import Verdict
 from holdfast.forces.elastic_distribution import DISTRIBUTE
-from holdfast.forces.limit_rows import Limit, limit_rows
+from holdfast.forces.force_question import ForceQuestion, force_question, scaled_question
+from holdfast.forces.limit_rows import Limit
 from holdfast.forces.limits import Distribution, ForceCost, ForceLimits
 from holdfast.forces.margins import grasp_margins
-from holdfast.forces.programmes import Costs, Form, Posed, Solved, answer, at_value, costs, posed
+from holdfast.forces.programmes import Form, Solved
 from holdfast.forces.smooth_distribution import smooth_parameters, smooth_solution
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, asked_case, attach
+from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State, require_fit, shaped_inputs
+from holdfast.state import Inputs, State
 
 ROUNDING = 1e-7  # multipliers below this, and below this part of the largest, are 0
 KEPT = 1e-7  # violations below this, relative to F0, are rounding
 DEARER = 10.0  # factor of a price at which a violation that is not necessary was cheaper
 MOST_RISES = 4
 FORMS = ("elastic", "effort", "margin")
-NOTHING = ObjectTask(np.zeros((0, 6)), np.zeros(0))
-
-
-class ForceQuestion(NamedTuple):
-    """A question about the forces of a chain, ready to be asked as a programme.
-
-    Attributes:
-        state: the state.
-        found: the map of all motions and forces.
-        limits: the limits.
-        costs: the cost.
-        v1: (m,) change of the map's v0 per unit of sigma; None without a share that grows.
-    """
-
-    state: State
-    found: AccelerationMap
-    limits: list[Limit]
-    costs: Costs
-    v1: Array | None = None
-
-    def posed(self, form: Form, price: float = 0.0) -> Posed:
-        """Return the programme of a form."""
-        return posed(form, self.found, self.limits, self.costs, price=price, v1=self.v1)
-
-    def asked(self, form: Form, price: float = 0.0) -> Solved:
-        """Return the solution of a form."""
-        return answer(self.posed(form, price))
-
-    def whole(self) -> ForceQuestion:
-        """Return the question at sigma = 1, without a share that grows."""
-        if self.v1 is None:
-            return self
-        return self._replace(found=self.found._replace(v0=self.found.v0 + self.v1), v1=None)
-
-    def cheapest(self, form: Form, extra: float) -> Solved:
-        """Return the solution of least cost that reaches a number of a form."""
-        return at_value(form, extra, self.found, self.limits, self.costs, v1=self.v1)
 
 
 @asked
@@ -84,9 +38,9 @@ class ForceQuestion(NamedTuple):
 def distribute(
     chain: ClosedChain,
     state: State,
-    acceleration: ArrayLike | None = None,
+    acceleration: ArrayLike | Mapping[str, ArrayLike] | None = None,
     *,
-    task: ArrayLike | None = None,
+    task: ArrayLike | Mapping[str, ArrayLike] | None = None,
     cost: ForceCost | None = None,
     limits: ForceLimits | None = None,
     inputs: Inputs | None = None,
@@ -105,8 +59,12 @@ def distribute(
         chain: the chain.
         state: positions and velocities, which must satisfy the grasps.
         acceleration: (6,) true acceleration [omega_dot; v_dot] of C, world axes, or (r,) the values of the task's rows;
-            None for zero.
-        task: (r, 6) rows on the object's acceleration; what they leave out is free. None asks for all six.
+            None for zero. In a chain that is answered as a forest it is (k, 6) for k objects, or a mapping by name: of
+            an object, of "trunk/base", which floats, or of any link or frame, "arm/link"; of its origin, world axes.
+            That of the "centre_of_mass" of all bodies is (3,). What is not named is free. Without an object None is for
+            a floating base.
+        task: (r, 6) rows on the object's acceleration; what they leave out is free. None asks for all six. A mapping by
+            name like the acceleration.
         cost: what makes a distribution good.
         limits: the limits, in addition to the conditions of the grasps.
         inputs: external wrenches and base motion.
@@ -116,8 +74,8 @@ def distribute(
 
     Raises:
         StateError: a shape is wrong, or the arms cannot give the object this acceleration.
-        ModelError: a limit names no joint or grasp of the chain.
-        MethodNotApplicable: with `cost.barrier`, something is asked that machine code is not.
+        ModelError: a limit or an acceleration names nothing in the chain.
+        MethodNotApplicable: with `cost.barrier`, something is asked that machine code is not, or of a forest.
 
     Reference:
         S. Boyd, B. Wegbreit, Fast computation of optimal contact forces, IEEE Transactions on Robotics, 2007.
@@ -142,9 +100,9 @@ def distribute(
 def least_peak(
     chain: ClosedChain,
     state: State,
-    acceleration: ArrayLike | None = None,
+    acceleration: ArrayLike | Mapping[str, ArrayLike] | None = None,
     *,
-    task: ArrayLike | None = None,
+    task: ArrayLike | Mapping[str, ArrayLike] | None = None,
     cost: ForceCost | None = None,
     limits: ForceLimits | None = None,
     inputs: Inputs | None = None,
@@ -174,7 +132,7 @@ def least_peak(
 def lift_margin(
     chain: ClosedChain,
     state: State,
-    acceleration: ArrayLike | None = None,
+    acceleration: ArrayLike | Mapping[str, ArrayLike] | None = None,
     *,
     payload: bool = False,
     cost: ForceCost | None = None,
@@ -191,8 +149,9 @@ def lift_margin(
     Args:
         chain: the chain.
         state: positions and velocities.
-        acceleration: (6,) true acceleration of C, world axes; None for zero, with `payload` only.
-        payload: whether sigma multiplies the object's inertia instead of the acceleration.
+        acceleration: (6,) true acceleration of C, world axes; None for zero, with `payload` only. Of forests as in
+            `distribute`.
+        payload: whether sigma multiplies the inertia of the only object instead of the acceleration.
         cost: what makes a distribution good.
         limits: the limits.
         inputs: external wrenches and base motion.
@@ -204,10 +163,7 @@ def lift_margin(
         raise StateError("acceleration: expected one to scale, got None; try payload=True for the largest payload")
     checks.flag(payload, "payload", StateError)
     _exactly_asked(cost, "a lift margin")
-    motion, wanted = _motion(chain, state, inputs), _asked(acceleration, None)
-    held = wanted if payload else wanted._replace(values=np.zeros(6))
-    found, v1 = scaled_map(motion, held, np.zeros(6) if payload else wanted.values, payload=payload)
-    return distribution(_with_limits(state, found, limits, cost)._replace(v1=v1), "scale")
+    return distribution(scaled_question(chain, state, acceleration, payload, cost, limits, inputs), "scale")
 
 
 def explain(found: Distribution) -> str:
@@ -223,39 +179,6 @@ def explain(found: Distribution) -> str:
     return found.why
 
 
-def _motion(chain: ClosedChain, state: State, inputs: Inputs | None):
-    require_fit(chain, state)
-    return motion_without_torques(chain, state, shaped_inputs(chain, inputs))
-
-
-def _asked(acceleration: ArrayLike | None, task: ArrayLike | None) -> ObjectTask:
-    """Return what is asked, checked."""
-    rows = asked_rows(task)
-    given = np.zeros(len(rows)) if acceleration is None else acceleration
-    return ObjectTask(rows, checks.numbers(given, (len(rows),), "acceleration", StateError))
-
-
-def force_question(
-    chain: ClosedChain,
-    state: State,
-    acceleration: Any,
-    task: Any,
-    cost: ForceCost | None,
-    limits: ForceLimits | None,
-    inputs: Inputs | None,
-) -> ForceQuestion:
-    """Return the question of `distribute`; arguments as there."""
-    motion = _motion(chain, state, inputs)
-    wanted = _asked(acceleration, task)
-    checks.instance(cost, (ForceCost, type(None)), "cost")
-    weight = None if cost is None else cost.task
-    exact = wanted if weight is None else NOTHING
-    found = acceleration_map(motion, exact, force=force_scale(motion, wanted.smallest))
-    if weight is not None:
-        found = towards_task(found, wanted, weight)
-    return _with_limits(state, found, limits, cost, wanted)
-
-
 def _exactly_asked(cost: ForceCost | None, what: str) -> None:
     """Refuse a cost of the distance from what is asked, and a barrier, where only limits count.
 
@@ -266,23 +189,10 @@ def _exactly_asked(cost: ForceCost | None, what: str) -> None:
         return
     if cost.task is not None:
         raise StateError(
-            f"cost: task: expected None, got {cost.task:g}: {what} is that of an acceleration kept exactly"
+            f"cost: task: expected None, got {checks.short(cost.task)}: {what} is that of an acceleration kept exactly"
         )
     if cost.barrier:
         raise StateError(f"cost: barrier: expected 0, got {cost.barrier:g}: {what} lies on the limits")
-
-
-def _with_limits(
-    state: State,
-    found: AccelerationMap,
-    limits: ForceLimits | None,
-    cost: ForceCost | None,
-    asked: ObjectTask | None = None,
-) -> ForceQuestion:
-    checks.instance(limits, (ForceLimits, type(None)), "limits")
-    checks.instance(cost, (ForceCost, type(None)), "cost")
-    rows = limit_rows(found, state, limits or ForceLimits())
-    return ForceQuestion(state, found, rows, costs(found, cost or ForceCost(), asked))
 
 
 def elastic(question: ForceQuestion, price: float) -> Distribution:
@@ -353,7 +263,7 @@ def _described(
 ) -> Distribution:
     """Return a distribution with its margin, its prices, and words."""
     found = question.found
-    chain, v = found.motion.chain, checks.finite(done.v, "distribution of forces")
+    chain, v = found.chain, checks.finite(done.v, "distribution of forces")
     wrenches = found.grasp_wrenches(v)
     margins = grasp_margins(chain, question.state, wrenches)
     prices = _prices(question.limits, done.parts, found.force)
@@ -364,12 +274,11 @@ def _described(
     words = {"unbounded": "no limit bounds the value"}
     words |= {"undecided": f"rounding hides whether the limits can be kept (residual {done.residual:.1g})"}
     why = words.get(status, why) if proof is None else proof.words
-    unfelt = free_wrenches(found.motion, found.length).shape[1]
-    why += f"; forces that no joint feels ({unfelt}) are taken as the smallest" if unfelt else ""
+    why += f"; forces that no joint feels ({found.unfelt}) are taken as the smallest" if found.unfelt else ""
     return Distribution(
         found.T @ v + found.t,
         v[found.qdd],
-        v[found.alpha],
+        v[found.alpha] if len(chain.free_objects) == 1 else v[found.alpha].reshape(-1, 6),
         wrenches,
         v[found.base] if chain.floats else None,
         violation * found.force,
@@ -380,7 +289,9 @@ def _described(
         why,
         proof,
         done.residual,
-        unfelt,
+        found.unfelt,
+        FrozenDict({one.key: wrenches[one.row] for one in found.grasps}),
+        v[found.coupled],
     )
 
 

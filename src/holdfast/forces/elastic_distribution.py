@@ -23,7 +23,8 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, nee
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import MethodNotApplicable, StateError
-from holdfast.forces.acceleration_map import SMALLEST_FORCE_SCALE, asked_rows
+from holdfast.forces.acceleration_map import asked_rows
+from holdfast.forces.affine_map import SMALLEST_FORCE_SCALE
 from holdfast.forces.arm_block import FARTHEST, NO_LIMIT, OfArm, Weights, arm_answer, arm_block, of_arm, per_torque
 from holdfast.forces.block_columns import BlockColumn, block_column
 from holdfast.forces.elastic_derivatives import central_point, require_barrier
@@ -316,8 +317,8 @@ def distribution_parameters(
         found[name] = clip(np.array(every), -NO_LIMIT, NO_LIMIT)
     if limits.acceleration or limits.sample_time is not None:
         found[ACCELERATION_LIMITS] = clip(acceleration_ranges(chain, state, limits), -NO_LIMIT, NO_LIMIT)
-    if cost.task is not None:
-        found[TASK_WEIGHT] = np.array(cost.task)
+    if (weight := cost.task_weight()) is not None:
+        found[TASK_WEIGHT] = np.array(weight)
     if task is not None:
         rows = asked_rows(task)
         if len(rows) > 6:

@@ -11,8 +11,8 @@ from holdfast.forces.programme_block import Block
 from holdfast.spatial.scalar import Array, Scalar, array, where
 
 JOINT_LIMITS = ("effort", "acceleration")
-LEAST_NORMAL, MOST_NORMAL, PRESSING = "least normal force", "most normal force", NOUNS["lifts off"]
-GRASP_LIMITS = (*NOUNS.values(), LEAST_NORMAL, MOST_NORMAL)
+LEAST_NORMAL, MOST_NORMAL, PRESSING = "least normal force", "most normal force", NOUNS["lifts off"].limit
+GRASP_LIMITS = (*dict.fromkeys(noun.limit for noun in NOUNS.values()), LEAST_NORMAL, MOST_NORMAL)
 
 
 def joint_prices(block: Block, z: Array, per_unit: Array, per_force: Scalar, limited: bool) -> Array:
@@ -49,5 +49,5 @@ def grasp_prices(block: Block, z: Array, held: Contact | None, of: OfArm, per_fo
         bounded = of.bounds[1] > 0.0
         found[LEAST_NORMAL], found[PRESSING] = where(bounded, z[2 * m - 1], 0.0), where(bounded, 0.0, z[2 * m - 1])
     for condition, of_cone in zip(cone_conditions(held, of.contact), z[2 * m :], strict=True):
-        found[NOUNS[condition.broken]] = found[NOUNS[condition.broken]] + of_cone
+        found[NOUNS[condition.broken].limit] = found[NOUNS[condition.broken].limit] + of_cone
     return per_force * array([*found.values()])

@@ -14,21 +14,32 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.errors import ModelError, StateError
-from holdfast.forces.acceleration_map import AccelerationMap
+from holdfast.forces.affine_map import AccelerationMap
 from holdfast.forces.limits import ForceLimits
 from holdfast.forces.margins import conditions
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.joint import Joint
 from holdfast.model.wrench_condition import NORMAL
 from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum, sqrt
 from holdfast.state import State
 
+
+class Noun(NamedTuple):
+    """The limit to which a condition belongs, and on which side of it it is, if it has sides."""
+
+    limit: str
+    side: str = ""
+
+
 NOUNS = {  # of `Condition.broken`
-    "slips": "friction",
-    "lifts off": "pressing",
-    "tips over its edge": "edge",
-    "gives way to the force": "force rating",
-    "gives way to the moment": "moment rating",
+    "slips": Noun("friction"),
+    "lifts off": Noun("pressing"),
+    "tips over its edge": Noun("edge"),
+    "tips over its front edge": Noun("edge", "front"),
+    "tips over its side edge": Noun("edge", "side"),
+    "gives way to the force": Noun("force rating"),
+    "gives way to the moment": Noun("moment rating"),
 }
 
 
@@ -85,8 +96,7 @@ def limit_rows(found: AccelerationMap, state: State, limits: ForceLimits) -> lis
 def _of_efforts(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
     if limits.effort is None:
         return
-    chain = found.motion.chain
-    for name, joint, row, at_rest in zip(chain.joint_names(), chain.all_joints, found.T, found.t, strict=True):
+    for (name, joint), row, at_rest in zip(joint_components(found.chain), found.T, found.t, strict=True):
         bound = limits.effort * joint.effort_limit if math.isfinite(joint.effort_limit) else math.inf
         if math.isfinite(bound):
             weight, unit = (found.length, "N m") if joint.turns else (1.0, "N")
@@ -95,34 +105,34 @@ def _of_efforts(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
 
 
 def _of_grasps(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
-    motion, size = found.motion, len(found.v0)
-    chain = motion.chain
+    chain, size = found.chain, len(found.v0)
     demanded, least, most = (limits.of_grasps(name, chain) for name in ("least_margin", "least_normal", "most_normal"))
-    for name, c, part in zip(chain.grasps, motion.contacts, found.wrenches, strict=True):
-        known = motion.arms[name].known  # of a bushing
+    for one in found.grasps:
+        name, c, part = one.name, one.contact, one.part
         to_contact, fixed = np.zeros((6, size)), np.zeros(6)
-        if known is None:
+        if one.known is None:
             to_contact[:, part] = _rotated(c.frame.T, c.K.T)
         else:
-            fixed = _rotated(c.frame.T, known[:, None])[:, 0]
+            fixed = _rotated(c.frame.T, one.known[:, None])[:, 0]
         for k in conditions(c.grasp):
             if not math.isfinite(k.constant):
                 continue
             loads = k.loading if np.any(k.loading) else np.zeros((0, 6))
             rows = np.vstack([k.pressing, loads])
             h = rows @ fixed
-            h[0] += k.constant - demanded.get(name, 0.0)
-            yield Limit(name, NOUNS[k.broken], "", 1.0, -rows @ to_contact, h, by_margin=True)
+            h[0] += k.constant - demanded.get(one.key, 0.0)
+            what = NOUNS[k.broken]
+            yield Limit(name, what.limit, what.side, 1.0, -rows @ to_contact, h, by_margin=True)
         for what, sign, bounds in (("least normal force", 1.0, least), ("most normal force", -1.0, most)):
-            if name in bounds:
-                h = np.array([sign * (NORMAL @ fixed - bounds[name])])
+            if one.key in bounds:
+                h = np.array([sign * (NORMAL @ fixed - bounds[one.key])])
                 yield Limit(name, what, "", 1.0, -sign * (NORMAL @ to_contact)[None], h, by_margin=True)
-        if limits.last_wrench is not None and known is None:
-            last = checks.numbers(limits.last_wrench, (len(chain.arms), 6), "limits: last_wrench", StateError)
+        if limits.last_wrench is not None and one.known is None:
+            last = checks.numbers(limits.last_wrench, (found.wrench_rows, 6), "limits: last_wrench", StateError)
             per_unit = 1.0 / np.array(c.grasp.of_kind.row_scales(found.length))
             G = np.zeros((1 + len(per_unit), size))
             G[1:, part] = -np.diag(per_unit)
-            h = np.r_[limits.wrench_change, -per_unit * (c.K @ last[chain.names.index(name)])]
+            h = np.r_[limits.wrench_change, -per_unit * (c.K @ last[one.row])]
             yield Limit(name, "wrench change", "", 1.0, G, h)
 
 
@@ -132,9 +142,8 @@ def _rotated(R: Array, columns: Array) -> Array:
 
 
 def _of_accelerations(found: AccelerationMap, state: State, limits: ForceLimits) -> Iterator[Limit]:
-    chain = found.motion.chain
-    ranges = acceleration_ranges(chain, state, limits)
-    for j, (name, joint, low, high) in enumerate(zip(chain.joint_names(), chain.all_joints, *ranges, strict=True)):
+    ranges = acceleration_ranges(found.chain, state, limits)
+    for j, ((name, joint), low, high) in enumerate(zip(joint_components(found.chain), *ranges, strict=True)):
         G = np.zeros((1, len(found.v0)))
         G[0, found.qdd.start + j] = 1.0
         unit = "rad/s^2" if joint.turns else "m/s^2"
@@ -142,6 +151,15 @@ def _of_accelerations(found: AccelerationMap, state: State, limits: ForceLimits)
             yield Limit(name, "acceleration", "upper", 1.0, G, np.array([high]), unit)
         if math.isfinite(low):
             yield Limit(name, "acceleration", "lower", 1.0, -G, np.array([-low]), unit)
+
+
+def joint_components(chain: ClosedChain) -> list[tuple[str, Joint]]:
+    """Return name and joint for every component of the joints' qd; a spherical joint has three."""
+    return [
+        (name, joint)
+        for name, joint in zip(chain.joint_names(), chain.all_joints, strict=True)
+        for _ in range(joint.type.freedoms)
+    ]
 
 
 def acceleration_ranges(chain: ClosedChain, state: State, limits: ForceLimits) -> Array:
@@ -154,17 +172,20 @@ def acceleration_ranges(chain: ClosedChain, state: State, limits: ForceLimits) -
     for name in limits.acceleration:
         if name not in names:
             raise ModelError(f"limits: acceleration: no joint '{name}'.{checks.did_you_mean(str(name), names)}")
-    low, high = [], []
-    for name, joint, q, qd in zip(names, chain.all_joints, state.q, state.qd, strict=True):
+    low, high, at_q, at_v = [], [], 0, 0
+    for name, joint in zip(names, chain.all_joints, strict=True):
+        q, rates = state.q[at_q], [state.qd[at_v + i] for i in range(joint.type.freedoms)]
         lowest, highest = limits.acceleration.get(name, (-math.inf, math.inf))
-        down, up = [-lowest], [highest]
-        if limits.sample_time is not None:
-            first, last = joint.position_limits
-            own = joint.rate_limit, limits.sample_time, limits.braking
-            down.append(highest_acceleration(math.inf if math.isinf(first) else q - first, -qd, *own))
-            up.append(highest_acceleration(math.inf if math.isinf(last) else last - q, qd, *own))
-        low.append(-_least(down))
-        high.append(_least(up))
+        for qd in rates:
+            down, up = [-lowest], [highest]
+            if limits.sample_time is not None and not joint.type.quaternion:
+                first, last = joint.position_limits
+                own = joint.rate_limit, limits.sample_time, limits.braking
+                down.append(highest_acceleration(math.inf if math.isinf(first) else q - first, -qd, *own))
+                up.append(highest_acceleration(math.inf if math.isinf(last) else last - q, qd, *own))
+            low.append(-_least(down))
+            high.append(_least(up))
+        at_q, at_v = at_q + joint.type.position_count, at_v + joint.type.freedoms
     return array([low, high])
 
 

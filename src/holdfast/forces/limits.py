@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +14,10 @@ from holdfast.forces.certificate import Certificate
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
-from holdfast.spatial.frozen import NOT_GIVEN, Frozen, OptionalArrayField, frozen
+from holdfast.spatial.frozen import NOT_GIVEN, Frozen, FrozenDict, OptionalArrayField, frozen
 from holdfast.spatial.scalar import Array
 
-PerGrasp = float | Mapping[str, float] | None
+PerGrasp = float | Mapping[Any, float] | None
 
 
 @called
@@ -67,8 +68,10 @@ class ForceLimits(Frozen):
         if (self.last_wrench is None) != math.isinf(self.wrench_change):
             raise ModelError("limits: expected last_wrench and wrench_change together, got one of them")
 
-    def of_grasps(self, name: str, chain: ClosedChain) -> dict[str, float]:
-        """Return a limit by name of the arm, for the grasps that have it.
+    def of_grasps(self, name: str, chain: ClosedChain) -> dict[Any, float]:
+        """Return a limit by key of the grasp or loop, for those that have it.
+
+        One number is for all grasps, and for all loops with a contact.
 
         Raises:
             ModelError: an arm holds nothing, or does not exist.
@@ -76,12 +79,17 @@ class ForceLimits(Frozen):
         given = getattr(self, name)
         if given is None:
             return {}
+        loops = {key: chain.as_forest.forest.closures[i].grasp for key, i in chain.as_forest.closures.items()}
         if not isinstance(given, Mapping):
-            return dict.fromkeys(chain.grasps, float(given))
-        for arm in given:
-            if arm not in chain.grasps:
-                raise ModelError(f"limits: {name}: no grasp '{arm}'.{checks.did_you_mean(str(arm), chain.grasps)}")
-        return {name: float(x) for name, x in given.items()}
+            pressed = [key for key, grasp in loops.items() if key not in chain.grasps and grasp.contact is not None]
+            return dict.fromkeys([*chain.grasps, *pressed], float(given))
+        known = [*chain.grasps, *(key for key in loops if key not in chain.grasps)]
+        for key in given:
+            if key not in known:
+                raise ModelError(
+                    f"limits: {name}: no grasp {key!r}.{checks.did_you_mean(str(key), [str(one) for one in known])}"
+                )
+        return {key: float(x) for key, x in given.items()}
 
 
 @called
@@ -102,9 +110,11 @@ class ForceCost(Frozen):
             1 rad/s^2 costs as much as a tenth of one drive's effort limit: redundant joints keep to what is wished.
             With little weight they accelerate to where torques are smaller, even if the object stands still.
         wish: (arms, 6) wished wrench of each arm on the object about its contact, contact axes [N m, N]; 0 by default.
+            In a chain that is answered as a forest (grasps and loops, 6), as for last wrenches.
         joint_acceleration: (n,) wished accelerations of the joints, for what the object leaves free; 0 by default.
         task: weight of the object's distance from what is asked of it, S alpha = s, which then gives way to the limits,
-            > 0 [s^2/rad or s^2/m]; None asks for it exactly.
+            > 0 [s^2/rad or s^2/m]; None asks for it exactly. A mapping by name for accelerations by name: those without
+            a weight are kept exactly.
         price: cost of passing the limits by F0 (`distribute`).
         barrier: slack times multiplier of every limit in the answer of `distribute`. With a positive one, such as 1e-5,
             torques change smoothly with the state also where a limit becomes active, and have derivatives; they cost
@@ -116,7 +126,7 @@ class ForceCost(Frozen):
     acceleration: float = 1.0
     wish: OptionalArrayField = NOT_GIVEN
     joint_acceleration: OptionalArrayField = NOT_GIVEN
-    task: float | None = None
+    task: float | Mapping[str, float] | None = None
     price: float = 1e4
     barrier: float = 0.0
 
@@ -125,11 +135,24 @@ class ForceCost(Frozen):
         for name in ("wrench", "acceleration", "price"):
             put(self, name, checks.number(getattr(self, name), f"cost: {name}", above=0.0))
         put(self, "barrier", checks.number(self.barrier, "cost: barrier", at_least=0.0))
-        if self.task is not None:
+        if isinstance(self.task, Mapping):
+            weights = {name: checks.number(x, f"cost: task: '{name}'", above=0.0) for name, x in self.task.items()}
+            put(self, "task", frozen(weights))
+        elif self.task is not None:
             put(self, "task", checks.number(self.task, "cost: task", above=0.0))
         for name in ("effort", "wish", "joint_acceleration"):
             if (given := getattr(self, name)) is not None:
                 put(self, name, checks.numbers(given, None, f"cost: {name}", StateError))
+
+    def task_weight(self) -> float | None:
+        """Return the weight of what is asked of the object; None if it is asked exactly.
+
+        Raises:
+            StateError: there are weights by name, which only chains that are answered as forests take.
+        """
+        if isinstance(self.task, Mapping):
+            raise StateError("cost: task: expected one weight for serial arms that hold one object, got a mapping")
+        return self.task
 
     def effort_weights(self, chain: ClosedChain) -> Array:
         """Return w_j, (n,).
@@ -138,7 +161,7 @@ class ForceCost(Frozen):
             StateError: a shape is wrong, or a weight is negative.
         """
         if self.effort is None:
-            limits = np.array([joint.effort_limit for joint in chain.all_joints])
+            limits = np.array([joint.effort_limit for joint in chain.all_joints for _ in range(joint.type.freedoms)])
             return np.where(np.isfinite(limits), limits, 1.0) ** -2.0
         weights = checks.numbers(self.effort, (chain.joint_count,), "cost: effort", StateError)
         if not (weights >= 0.0).all():
@@ -154,8 +177,9 @@ class Distribution(Frozen):
     Attributes:
         tau: (n,) torques of the drives [N m or N].
         qdd: (n,) accelerations of the joints [rad/s^2 or m/s^2].
-        object_acceleration: (6,) [omega_dot; v_dot of C], the true acceleration, world axes.
-        grasp_wrench: (arms, 6) wrench of each arm on the object about its contact, world axes [N m, N].
+        object_acceleration: (6,) [omega_dot; v_dot of C], the true acceleration, world axes, or (k, 6) of k objects.
+        grasp_wrench: (arms, 6) wrench of each arm on the object about its contact, world axes [N m, N]; in a chain that
+            is answered as a forest (grasps and loops, 6), as in `MechanismResult`.
         base_acceleration: (6,) acceleration of a floating base, world axes; None without one.
         violation: by how much the limits are passed [N], 0 if they are kept; torques by this times the distance of the
             contacts from their centroid, accelerations by 1 rad/s^2 or m/s^2 per newton.
@@ -171,6 +195,8 @@ class Distribution(Frozen):
         unfelt: number of independent forces that no joint feels. The torques do not decide them: wrenches and margins
             are those of the smallest, and `margin_range` bounds the others. In a singular configuration there are more
             of them than nearby; `forward_dynamics` and `diagnose` tell.
+        wrenches: the rows of `grasp_wrench` by the keys of the chain's grasps and loops.
+        coupling_force: (couplings,) a coupling acts on each of its joints with c times this.
     """
 
     tau: Array
@@ -187,6 +213,8 @@ class Distribution(Frozen):
     certificate: Certificate | None
     residual: float
     unfelt: int = 0
+    wrenches: Mapping[Any, Array] = field(default_factory=FrozenDict)
+    coupling_force: Array = field(default_factory=lambda: np.zeros(0))
 
     def __repr__(self) -> str:
         """Return the status, the margin and the reason."""

@@ -6,10 +6,11 @@ c + a.f >= |B f|, in newtons:
     ball, hinge    mu f_n >= |f_t|                        no sliding
     softfinger     mu f_n >= sqrt(|f_t|^2 + (m_n/e)^2)    no sliding, no spinning
     hinge          f_n >= |m_y| / L                       the edge touches over its whole length
+    sole           mu f_n >= |f_t|, f_n >= |m_y| / a, f_n >= |m_x| / b      it stands on all of its rectangle
     one-sided      f_n >= 0                               it presses
     limits         F >= |f|,  M/l >= |m|/l                it is strong enough; l: `WrenchLimits.lever`
 
-The moment of a hinge about the normal is carried by the edge, and has no limit.
+The moment of a hinge or a sole about the normal is carried by the edge, and has no limit.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.tree.mechanism_terms import flat_state
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.grasp_kinds import GRASP_KINDS
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.model.wrench_condition import Condition, largest_force_and_moment
 from holdfast.questions.arrays import CONTACTS, LIMITS, RAD, RATE, TORQUE, Row, value_of
 from holdfast.questions.case import VariedCase
@@ -34,7 +37,7 @@ from holdfast.questions.derivatives import asked, declare
 from holdfast.questions.question import Question, ResultPart, by_joints
 from holdfast.spatial.scalar import Array, Scalar, array, each, less, minimum, where
 from holdfast.spatial.spatial_vector import unrotate
-from holdfast.state import State, require_fit
+from holdfast.state import State, require_fit, require_state
 
 
 class JointMargins(NamedTuple):
@@ -86,7 +89,8 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
         chain: the chain.
         state: state with the object's pose; nothing else is used.
         grasp_wrench: (arms, 6) wrench of each arm on the object about the contact point, world axes, as in
-            `ForwardResult`.
+            `ForwardResult`. Of a chain that is answered as a forest, those of grasps and loops, as in
+            `MechanismResult`, whose margins are returned, (grasps and loops,); joint positions are used, too.
 
     The derivative of each margin is that of the condition with the least margin, or of one of them if several are
     equal; that of a norm |B f| is 0 where the norm is 0, and that of an infinite margin is 0.
@@ -94,10 +98,24 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
     Raises:
         StateError: a shape is wrong.
     """
+    if answered_as_forest(chain):
+        return _margins_of_closures(chain, state, grasp_wrench)
     require_fit(chain, state)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     with np.errstate(all="ignore"):  # squares of huge forces
         return limited_margins(chain, value_of(CONTACTS, chain), state.object_frame.R, f)
+
+
+def _margins_of_closures(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> Array:
+    """Return the margins of the grasps and loops of a chain that is answered as a forest, (closures,)."""
+    require_state(chain, state)
+    forest = chain.as_forest.forest
+    f = checks.numbers(grasp_wrench, (len(forest.closures), 6), "grasp_wrench", StateError)
+    poses = forest.poses(flat_state(chain, state)[0])
+    pairs = zip(forest.closures, f, strict=True)
+    with np.errstate(all="ignore"):
+        found = [least_margin(conditions(c.grasp), unrotate(poses[c.b].R @ c.grasp.frame.R, x)) for c, x in pairs]
+    return np.array(found, dtype=float)
 
 
 def limited_margins(chain: ClosedChain, contacts: Array, R: Array, f: Array) -> Array:
@@ -114,7 +132,7 @@ def margins_of_grasps(chain: ClosedChain, contacts: Array, R: Array, frames: Ite
 
     Args:
         chain: the chain, of which only names and kinds are used.
-        contacts: (grasps, 6) numbers of `questions.arrays.contact_of`.
+        contacts: (grasps, 7) numbers of `questions.arrays.contact_of`.
         R: (3, 3) attitude of the object.
         frames: (3, 3) each, attitudes of the contact frames, object axes.
         f: (arms, 6) wrench of each arm on the object about the contact point, world axes.
@@ -135,21 +153,21 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
 
     Args:
         kind: kind of the grasp.
-        contact: (6,) numbers of `questions.arrays.contact_of`.
+        contact: (7,) numbers of `questions.arrays.contact_of`.
         f: (6,) wrench of the arm on the object about the contact point, contact axes.
     """
-    one_sided, mu, size, moment, force, lever = contact
+    one_sided, mu, moment, force, lever = contact[0], contact[1], *contact[4:]
     strength = least_margin(largest_force_and_moment(moment, force, lever), f)
     friction = GRASP_KINDS[kind].friction
     if friction is None:
         return strength
-    pressed = least_margin(friction(mu, size), f)
+    pressed = least_margin(friction(mu, contact[2:4]), f)
     return minimum(strength, where(one_sided > 0.5, pressed, math.inf))
 
 
 def limited(contact: Array) -> Scalar:
     """Return whether a grasp is one-sided or has wrench limits; `contact` as in `questions.arrays.contact_of`."""
-    one_sided, _, _, moment, force, _ = contact
+    one_sided, moment, force = contact[0], contact[4], contact[5]
     return where(one_sided > 0.5, 0.0, minimum(moment, force)) < math.inf
 
 
@@ -164,7 +182,7 @@ def conditions(grasp: Grasp) -> tuple[Condition, ...]:
     found: tuple[Condition, ...] = ()
     kind, contact, limits = grasp.of_kind, grasp.contact, grasp.wrench_limits
     if contact is not None and kind.friction is not None:
-        found += kind.friction(contact.mu, grasp.contact_size)
+        found += kind.friction(contact.mu, np.array(grasp.contact_size))
     if limits is not None:
         found += largest_force_and_moment(limits.moment, limits.force, limits.lever)
     return found

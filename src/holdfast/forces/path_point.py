@@ -12,16 +12,8 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.errors import StateError
-from holdfast.forces.acceleration_map import (
-    ACCELERATION_SCALE,
-    UNREACHED,
-    AccelerationMap,
-    ObjectTask,
-    acceleration_map,
-    force_scale,
-    motion_without_torques,
-    scaled_map,
-)
+from holdfast.forces.acceleration_map import acceleration_map, force_scale, motion_without_torques, scaled_map
+from holdfast.forces.affine_map import ACCELERATION_SCALE, UNREACHED, AccelerationMap, AccelerationTask
 from holdfast.forces.certificate import certificate
 from holdfast.forces.cone_solver import Verdict
 from holdfast.forces.limit_rows import Limit, limit_rows
@@ -138,7 +130,7 @@ def path_point(
     Raises:
         StateError: the arms cannot give the object this motion.
     """
-    at_rest, all_of_it = motion_at(chain, state, 0.0), ObjectTask(np.eye(6), np.zeros(6))
+    at_rest, all_of_it = motion_at(chain, state, 0.0), AccelerationTask(np.eye(6), np.zeros(6))
     force, moved = force_scale(at_rest, np.zeros(6)), all_of_it._replace(values=acceleration)
     held, by_a = scaled_map(at_rest, all_of_it, state.object_twist, force=force)
     there = acceleration_map(motion_at(chain, state, 1.0), moved, force=force)

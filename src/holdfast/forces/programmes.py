@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from holdfast.errors import StateError
-from holdfast.forces.acceleration_map import ACCELERATION_SCALE, UNREACHED, AccelerationMap, ObjectTask
+from holdfast.forces.affine_map import ACCELERATION_SCALE, UNREACHED, AccelerationMap, AccelerationTask
 from holdfast.forces.cone_solver import ConeAnswer, ConeProgramme, Cones, Verdict, solve
 from holdfast.forces.limit_rows import Limit
 from holdfast.forces.limits import ForceCost
@@ -63,39 +63,39 @@ class Costs(NamedTuple):
     r: Array
 
 
-def costs(found: AccelerationMap, cost: ForceCost, asked: ObjectTask | None = None) -> Costs:
+def costs(found: AccelerationMap, cost: ForceCost, asked: AccelerationTask | None = None) -> Costs:
     """Return the rows of a cost.
 
     Args:
         found: the map.
         cost: the cost.
-        asked: what is asked of the object, for a cost of the distance from it.
+        asked: what is asked and gives way, with its weights.
 
     Raises:
         StateError: a shape is wrong.
     """
-    motion, size = found.motion, len(found.v0)
-    chain = motion.chain
+    chain, size = found.chain, len(found.v0)
     root = np.sqrt(cost.effort_weights(chain))
     rows, rest = [root[:, None] * found.T], [root * found.t]
-    wish = np.zeros((len(chain.arms), 6)) if cost.wish is None else cost.wish
-    wish = checks.numbers(wish, (len(chain.arms), 6), "cost: wish", StateError)
-    for name, c, part in zip(chain.grasps, motion.contacts, found.wrenches, strict=True):
+    wish = np.zeros((found.wrench_rows, 6)) if cost.wish is None else cost.wish
+    wish = checks.numbers(wish, (found.wrench_rows, 6), "cost: wish", StateError)
+    for one in found.grasps:
+        c = one.contact
         weight = cost.wrench / found.force / np.array(c.grasp.of_kind.row_scales(found.length))
         of_one = np.zeros((len(weight), size))
-        of_one[:, part] = np.diag(weight)
+        of_one[:, one.part] = np.diag(weight)
         rows.append(of_one)
-        rest.append(-weight * (c.K @ rotate(c.frame, wish[chain.names.index(name)])))
+        rest.append(-weight * (c.K @ rotate(c.frame, wish[one.row])))
     wished = np.zeros(chain.joint_count) if cost.joint_acceleration is None else cost.joint_acceleration
     wished = checks.numbers(wished, (chain.joint_count,), "cost: joint_acceleration", StateError)
     moving = np.eye(found.qdd.stop, size)  # a floating base, too
     rows.append(cost.acceleration / ACCELERATION_SCALE * moving)
     rest.append(-cost.acceleration / ACCELERATION_SCALE * np.r_[np.zeros(found.base.stop), wished])
-    if cost.task is not None and asked is not None:
-        of_object = np.zeros((len(asked.rows), size))
-        of_object[:, found.alpha] = cost.task * asked.rows
-        rows.append(of_object)
-        rest.append(-cost.task * asked.values)
+    if asked is not None:
+        of_task = np.zeros((len(asked.rows), size))
+        of_task[:, found.wanted] = asked.rows
+        rows.append(of_task)
+        rest.append(-asked.values)
     return Costs(np.vstack(rows), np.concatenate(rest))
 
 

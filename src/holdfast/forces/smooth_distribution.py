@@ -9,7 +9,8 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import pseudo_gravity
 from holdfast.errors import MethodNotApplicable
-from holdfast.forces.acceleration_map import AccelerationMap, asked_rows
+from holdfast.forces.acceleration_map import asked_rows
+from holdfast.forces.affine_map import AccelerationMap
 from holdfast.forces.cone_solver import Verdict
 from holdfast.forces.elastic_distribution import (
     ElasticDistribution,
@@ -65,9 +66,8 @@ def smooth_solution(case: VariedCase, found: AccelerationMap, limits: Sequence[L
         limits: the limits.
         of: the cost.
     """
-    at, chain = ElasticDistribution(*distributed(case)), found.motion.chain
-    lambdas = zip(chain.grasps, found.motion.contacts, strict=True)
-    known = np.concatenate([at.qdd, *(c.K @ at.grasp_wrench[chain.names.index(name)] for name, c in lambdas)])
+    at, chain = ElasticDistribution(*distributed(case)), found.chain
+    known = np.concatenate([at.qdd, *(one.contact.K @ at.grasp_wrench[one.row] for one in found.grasps)])
     own = np.r_[found.qdd, found.alpha.stop : len(found.v0)]  # the others follow from these
     price = raised_price(case.own, dearer(case.own, case.own["acceleration"] - pseudo_gravity(chain)))
     v = found.v0 + found.N @ np.linalg.lstsq(found.N[own], known - found.v0[own])[0]

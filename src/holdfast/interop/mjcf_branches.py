@@ -16,13 +16,18 @@ from holdfast.model.arm import Arm
 from holdfast.model.closure import Closure
 from holdfast.model.coupling import Coupling
 from holdfast.model.grasp import Grasp
-from holdfast.model.grasp_kinds import GRASP_KINDS
+from holdfast.model.grasp_kinds import GRASP_KINDS, GraspKind
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-# the kind of grasp with the most freedoms that an equality stands for: a connect is a ball, not a soft finger
+
+def _freest_last(item: tuple[str, GraspKind]) -> tuple[int, bool]:
+    return len(item[1].free), item[1].friction is None
+
+
+# the kind of grasp that an equality stands for: a connect is a ball, not a soft finger, and a weld rigid, not a sole
 GRASP_OF: dict[str | None, Any] = {
-    row.equality: kind for kind, row in sorted(GRASP_KINDS.items(), key=lambda item: len(item[1].free)) if row.equality
+    row.equality: kind for kind, row in sorted(GRASP_KINDS.items(), key=_freest_last) if row.equality
 }
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.forces.acceleration_map import ObjectTask, acceleration_map, motion_without_torques, scaled_map
+from holdfast.forces.acceleration_map import acceleration_map, motion_without_torques, scaled_map
+from holdfast.forces.affine_map import AccelerationTask
 from holdfast.forces.distribute import ForceQuestion
 from holdfast.forces.limit_rows import Limit, limit_rows
 from holdfast.forces.limits import ForceCost, ForceLimits
@@ -48,7 +49,7 @@ class ForceCase:
     inputs: Inputs
     rates: Array | None
     form: force_case_data.ForceForm
-    asked: ObjectTask
+    asked: AccelerationTask
     more: Array | None
     cost: ForceCost
     limits: ForceLimits
@@ -76,7 +77,8 @@ def listed_name(limit: Limit) -> str:
         return f"{joint[0]}/{joint[2]} at its {limit.side} limit"
     if limit.what == "acceleration":
         return f"{limit.of} accelerates at its {limit.side} limit"
-    return f"{limit.what.removesuffix(' force')} of {limit.of}"
+    side = f"{limit.side} " if limit.side else ""
+    return f"{side}{limit.what.removesuffix(' force')} of {limit.of}"
 
 
 def build_force_case(data: force_case_data.ForceCaseData, source: str = "case", root: str = "$") -> ForceCase:
@@ -93,7 +95,7 @@ def build_force_case(data: force_case_data.ForceCaseData, source: str = "case", 
     more = None
     with where.refusals():
         rows = np.eye(6) if asked.task is None else np.array(asked.task).reshape(-1, 6)
-        wanted = ObjectTask(rows, checks.numbers(asked.acceleration, (len(rows),), "question: acceleration"))
+        wanted = AccelerationTask(rows, checks.numbers(asked.acceleration, (len(rows),), "question: acceleration"))
         force = checks.number(asked.force_scale, "question: force_scale", above=0.0)
         if (asked.form == "scale") != (asked.hold is not None):
             raise (where / "hold").refuse("expected the acceleration at sigma = 0 for a scale, and for nothing else")
@@ -101,7 +103,7 @@ def build_force_case(data: force_case_data.ForceCaseData, source: str = "case", 
             if asked.task is not None:
                 raise (where / "task").refuse("expected none for a scale, which asks for the whole acceleration")
             hold = np.array(asked.hold)
-            wanted, more = ObjectTask(rows, hold), wanted.values - hold
+            wanted, more = AccelerationTask(rows, hold), wanted.values - hold
         cost = ForceCost(wrench=asked.eps_force, acceleration=asked.eps_acceleration, wish=_wish(data, where / "wish"))
         grasps = {name: arm.grasp for name, arm in zip(chain.arms, data.arms, strict=True) if arm.grasp is not None}
         limits = ForceLimits(
@@ -133,7 +135,9 @@ def _grasp(data: force_case_data.ForceGrasp, at: Location) -> Grasp:
     with at.refusals():
         frame = Pose(checks.rotation_matrix(data.frame_object, "grasp: frame_object"), np.array(data.point_object))
         given, strength = data.friction, data.wrench_limits
-        friction = None if given is None else Friction(given.mu, given.torsion_radius, given.half_length)
+        friction = None
+        if given is not None:
+            friction = Friction(given.mu, given.torsion_radius, given.half_length, given.half_lengths)
         limits = None if strength is None else WrenchLimits(strength.moment, strength.force)
         return Grasp(data.type, frame, friction, limits)
 

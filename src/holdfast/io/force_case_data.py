@@ -27,6 +27,7 @@ class ForceFriction(CaseStruct):
     mu: float
     torsion_radius: float | None = None
     half_length: float | None = None
+    half_lengths: tuple[float, float] | None = None
 
 
 class ForceWrenchLimits(CaseStruct):
@@ -39,7 +40,7 @@ class ForceWrenchLimits(CaseStruct):
 class ForceGrasp(CaseStruct):
     """A grasp; the contact frame's columns x, y, z in object axes, z into the object."""
 
-    type: Literal["rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "planar"]
+    type: Literal["rigid", "sole", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "planar"]
     point_object: CaseVector3
     frame_object: CaseMatrix3
     friction: ForceFriction | None = None

@@ -14,6 +14,7 @@ from holdfast.model.coupling import Coupling
 from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.trunk import BASE
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.spatial.frozen import Frozen, changed
 from holdfast.spatial.pose import Pose
@@ -47,6 +48,10 @@ class ChainForest(Frozen):
         (held,) = self.objects.values()
         return held
 
+    def frame(self, chain: ClosedChain, given: Any, what: str) -> tuple[int | None, Pose]:
+        """Return the body to which a frame of the chain belongs, and its pose on it; see `frame_of`."""
+        return frame_of(chain, self.arms, self.objects, given, what)
+
 
 def chain_forest(chain: ClosedChain) -> ChainForest:
     """Return the forest of a chain. O(n) + O(l).
@@ -78,19 +83,7 @@ def chain_forest(chain: ClosedChain) -> ChainForest:
     for name, one in chain.free_objects.items():
         bodies.append(ForestBody(Link(one.mass, one.com, one.inertia, name, one.physical), BodyJoint("free")))
 
-    def end(given: Any, what: str) -> tuple[int | None, Pose]:
-        """Return the body of an end of a loop, and the pose of its frame on it."""
-        if given is None or given in objects:
-            return None if given is None else objects[given], Pose.identity()
-        arm, _, frame = str(given).partition("/")
-        if trunk is not None and arm == TRUNK:
-            return trunk.body(frame, what), Pose.identity()
-        if arm not in arms or not frame:
-            ends = [*objects, *(f"{one}/{link.name}" for one, found in chain.arms.items() for link in found.links)]
-            raise ModelError(f"{what}: no '{given}'.{checks.did_you_mean(str(given), ends)}")
-        link, at = chain.arms[arm].frame(frame, what)
-        return arms[arm][link], at
-
+    end = partial(frame_of, chain, arms, objects)
     closures: list[Closure] = []
     closed: dict[Any, int] = {}
     for key, grasp in chain.grasps.items():
@@ -137,6 +130,37 @@ def chain_forest(chain: ClosedChain) -> ChainForest:
     joints = dict(zip(chain.joint_names(), places, strict=True))
     couplings = [_coupling(one, joints) for one in chain.all_couplings]
     return ChainForest(Forest(bodies, closures, couplings, chain.gravity), range(first), arms, objects, closed)
+
+
+def frame_of(
+    chain: ClosedChain, arms: Mapping[str, range], objects: Mapping[str, int], given: Any, what: str
+) -> tuple[int | None, Pose]:
+    """Return the body to which a frame belongs, None for the world, and the frame's pose on it.
+
+    Args:
+        chain: the chain.
+        arms: as in `ChainForest`.
+        objects: likewise.
+        given: "arm/link" for a link or frame of an arm, "trunk/link" for a body of the trunk, an object's name, or None
+            for the world.
+        what: what names it, for messages.
+
+    Raises:
+        ModelError: there is none.
+    """
+    if given is None or given in objects:
+        return None if given is None else objects[given], Pose.identity()
+    arm, _, frame = str(given).partition("/")
+    if chain.trunk is not None and arm == TRUNK and frame:
+        return chain.trunk.body(frame, what), Pose.identity()
+    if arm not in arms or not frame:
+        of_trunk = [] if chain.trunk is None else [f"{TRUNK}/{link.name}" for link in chain.trunk.links]
+        of_trunk += [f"{TRUNK}/{BASE}"] if chain.floats else []
+        of_arms = [f"{one}/{link.name}" for one, found in chain.arms.items() for link in found.links]
+        ends = [*objects, *of_trunk, *of_arms]
+        raise ModelError(f"{what}: no '{given}'.{checks.did_you_mean(str(given), ends)}")
+    link, at = chain.arms[arm].frame(frame, what)
+    return arms[arm][link], at
 
 
 def _coupling(coupling: Coupling, joints: Mapping[str, int]) -> JointCoupling:

@@ -24,6 +24,7 @@ GraspName = Literal[
     "hinge",
     "softfinger",
     "ball",
+    "sole",
     "universal",
     "slider",
     "cylinder",
@@ -45,11 +46,13 @@ class Friction(Frozen):
         mu: friction coefficient, > 0.
         torsion_radius: e [m]; without a tangential force, a soft finger holds |m_n| <= e mu f_n.
         half_length: L [m], half the length of the edge of a hinge.
+        half_lengths: (a, b) [m], half the lengths of a sole along x and y; it tips if |m_y| > a f_n or |m_x| > b f_n.
     """
 
     mu: float
     torsion_radius: float | None = None
     half_length: float | None = None
+    half_lengths: tuple[float, float] | None = field(default=None, metadata=OMITTED)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -57,6 +60,10 @@ class Friction(Frozen):
         for name in ("torsion_radius", "half_length"):
             if getattr(self, name) is not None:
                 put(self, name, checks.number(getattr(self, name), f"friction: {name}", above=0.0))
+        if self.half_lengths is not None:
+            given = checks.numbers(self.half_lengths, (2,), "friction: half_lengths")
+            both = (checks.number(float(x), "friction: half_lengths", above=0.0) for x in given)
+            put(self, "half_lengths", tuple(both))
 
 
 @called
@@ -87,15 +94,16 @@ class WrenchLimits(Frozen):
 class Grasp(Frozen):
     """The attachment of one arm's tip frame to the contact frame on the object.
 
-    The contact frame's z axis is the normal INTO the object, so an arm that presses has f.z >= 0. A hinge rotates about
-    the frame's x axis, a soft finger about x and y, and a universal joint about the tip's x and the frame's y. A slider
+    The contact frame's z axis is the normal INTO the object, so an arm that presses has f.z >= 0. A sole, the face of a
+    foot or a palm, moves as little as a rigid grasp, but may press only. A hinge rotates about the frame's x axis, a
+    soft finger about x and y, and a universal joint about the tip's x and the frame's y. A slider
     slides along x, a cylinder slides along x and rotates about it, and a screw couples these two motions. A planar
     grasp slides along x and y and rotates about z. A subspace is any of these, or another group of motions, given by a
     matrix. A bushing imposes no constraint: it is a spring and damper in all six directions, unstretched if the tip is
     at the contact frame, and its wrench follows from the state.
 
     Attributes:
-        kind: "rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "screw", "planar",
+        kind: "rigid", "hinge", "softfinger", "ball", "sole", "universal", "slider", "cylinder", "screw", "planar",
             "subspace" or "bushing".
         frame: pose of the contact frame in object axes.
         contact: None for a two-sided grasp, or a `Friction` for a one-sided one.
@@ -177,7 +185,7 @@ class Grasp(Frozen):
             raise ModelError(f"grasp: a {self.kind} grasp is two-sided; expected contact=None, got Friction")
         if not isinstance(contact, Friction):
             raise ModelError(f"grasp: contact: expected None or Friction, got {type(contact).__name__}")
-        for name in ("torsion_radius", "half_length"):
+        for name in ("torsion_radius", "half_length", "half_lengths"):
             if (getattr(contact, name) is not None) != (name == self.of_kind.size):
                 verb = "needs" if name == self.of_kind.size else "has no"
                 raise ModelError(f"grasp: a {self.kind} contact {verb} {name}")
@@ -212,10 +220,11 @@ class Grasp(Frozen):
         return self.of_kind.directions[list(self.transmitted)]
 
     @property
-    def contact_size(self) -> float | None:
-        """Torsion radius or half length of a one-sided contact of its kind [m]; None if the kind has none."""
+    def contact_size(self) -> tuple[float, float]:
+        """The two lengths that its kind's friction takes [m]: the same twice if it needs one, 1 m if it needs none."""
         name = self.of_kind.size
-        return None if self.contact is None or name is None else getattr(self.contact, name)
+        size = 1.0 if self.contact is None or name is None else getattr(self.contact, name)
+        return size if isinstance(size, tuple) else (size, size)
 
 
 def contact_frame(point: ArrayLike, into: ArrayLike, x: ArrayLike | None = None) -> Pose:

@@ -11,7 +11,7 @@ import numpy as np
 
 from holdfast.model.bushing import Bushing
 from holdfast.model.motion_subspace import MotionSubspace
-from holdfast.model.wrench_condition import Condition, sliding, sliding_or_spinning, sliding_or_tipping
+from holdfast.model.wrench_condition import Condition, sliding, sliding_or_spinning, sliding_or_tipping, standing
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.scalar import Array, Scalar, arctan2, array, concatenate, cos, maximum, sin, sqrt, where
@@ -137,9 +137,9 @@ class GraspKind(Frozen):
             transmitted directions in the world (3, 3).
         regrasped: function of the attitudes of contact frame and tip relative to the object that returns the attitude
             of the nearest contact frame for which this tip closes the grasp (3, 3), or None if it is not unique.
-        size: the field of `Friction` with the length that a one-sided contact needs.
-        friction: function of the friction coefficient and that length that returns the conditions on the wrench of a
-            one-sided contact; None for a grasp that is always two-sided.
+        size: the field of `Friction` with the length, or the two lengths, that a one-sided contact needs.
+        friction: function of the friction coefficient and two lengths, of which a kind with one uses the first, that
+            returns the conditions on the wrench of a one-sided contact; None for a grasp that is always two-sided.
         listed_axes: number of unit vectors that a case file lists for such a grasp.
         equality: corresponding MJCF equality constraint: a weld, a connect of two points, or two connects along x; None
             if there is none.
@@ -159,8 +159,8 @@ class GraspKind(Frozen):
     cosine: Callable[[Array], Scalar] | None = None
     axes: Callable[[Array, Array], Array] = contact_axes
     regrasped: Callable[[Array, Array], Array | None] = contact_axes
-    size: Literal["torsion_radius", "half_length"] | None = None
-    friction: Callable[[Scalar, Scalar], tuple[Condition, ...]] | None = None
+    size: Literal["torsion_radius", "half_length", "half_lengths"] | None = None
+    friction: Callable[[Scalar, Array], tuple[Condition, ...]] | None = None
     listed_axes: int = 0
     equality: Literal["weld", "connect", "two connects"] | None = None
     threaded: bool = False
@@ -356,6 +356,16 @@ GRASP_KINDS: dict[str, GraspKind] = {
         equality="connect",
     ),
     "ball": GraspKind((0, 1, 2), ("world", "world", "world"), friction=sliding, equality="connect"),
+    "sole": GraspKind(
+        (),
+        (),
+        (0, 1, 2),
+        *_FULL,
+        regrasped=tip_attitude,
+        size="half_lengths",
+        friction=standing,
+        equality="weld",
+    ),
     "universal": GraspKind(
         (0, 1),
         ("tip", "object"),

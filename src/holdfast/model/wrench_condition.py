@@ -44,19 +44,26 @@ def friction_cone(mu: Scalar, *further: Array) -> tuple[Condition, ...]:
     return sliding, Condition(0.0, NORMAL, np.zeros((1, 6)), "lifts off")
 
 
-def sliding(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
+def sliding(mu: Scalar, size: Array) -> tuple[Condition, ...]:
     """Return the conditions of a contact at a point: mu f_n >= |f_t|."""
     return friction_cone(mu)
 
 
-def sliding_or_spinning(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
+def sliding_or_spinning(mu: Scalar, size: Array) -> tuple[Condition, ...]:
     """Return the conditions of a contact patch of torsion radius e: mu f_n >= sqrt(|f_t|^2 + (m_n/e)^2)."""
-    return friction_cone(mu, MOMENT_Z / size)
+    return friction_cone(mu, MOMENT_Z / size[0])
 
 
-def sliding_or_tipping(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
+def sliding_or_tipping(mu: Scalar, size: Array) -> tuple[Condition, ...]:
     """Return the conditions of an edge of half length L: mu f_n >= |f_t|, and f_n >= |m_y| / L."""
-    return *friction_cone(mu), Condition(0.0, NORMAL, array([MOMENT_Y / size]), "tips over its edge")
+    return *friction_cone(mu), Condition(0.0, NORMAL, array([MOMENT_Y / size[0]]), "tips over its edge")
+
+
+def standing(mu: Scalar, size: Array) -> tuple[Condition, ...]:
+    """Return the conditions of a sole of half lengths a, b: mu f_n >= |f_t|, f_n >= |m_y| / a, and f_n >= |m_x| / b."""
+    front = Condition(0.0, NORMAL, array([MOMENT_Y / size[0]]), "tips over its front edge")
+    side = Condition(0.0, NORMAL, array([MOMENT_X / size[1]]), "tips over its side edge")
+    return *friction_cone(mu), front, side
 
 
 def largest_force_and_moment(moment: Scalar, force: Scalar, lever: Scalar) -> tuple[Condition, ...]:

@@ -127,11 +127,11 @@ def starts(sizes: Iterable[int]) -> list[int]:
 def contact_of(grasp: Grasp) -> Array:
     """Return the numbers that determine the margin of a grasp.
 
-    They are (6,): 1 if it is one-sided, mu, torsion radius or half length, largest moment, largest force, lever.
+    They are (7,): 1 if it is one-sided, mu, `Grasp.contact_size`, largest moment, largest force, lever.
     """
     contact, limits = grasp.contact, grasp.wrench_limits or WrenchLimits()
-    one_sided = [0.0, 1.0, 1.0] if contact is None else [1.0, contact.mu, grasp.contact_size or 1.0]
-    return np.array([*one_sided, limits.moment, limits.force, limits.lever], dtype=float)
+    one_sided = [0.0, 1.0] if contact is None else [1.0, contact.mu]
+    return np.array([*one_sided, *grasp.contact_size, limits.moment, limits.force, limits.lever], dtype=float)
 
 
 def _of_model(name: str, axes: Axes, unit: str, meaning: str, value: Callable[[ClosedChain], Any], of: str = "") -> Row:
@@ -215,8 +215,8 @@ _ROWS = (
     _of_model("joint_limits", (4, "n"), "", "lowest and highest positions, rate limits and effort limits of the"
         " joints; infinite for none", lambda chain: np.transpose(
             [(*joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in chain.all_joints])),
-    _of_model("contact", ("grasps", 6), "", "one-sided or not, friction, size of the contact, largest moment and"
-        " force, lever", lambda chain: [contact_of(grasp) for grasp in chain.grasps.values()]),
+    _of_model("contact", ("grasps", 7), "", "one-sided or not, friction, two sizes of the contact, largest moment"
+        " and force, lever", lambda chain: [contact_of(grasp) for grasp in chain.grasps.values()]),
     Row("acceleration", ACCELERATION, "rad/s^2, m/s^2", "wanted [omega_dot; v_dot of C], world axes", "input"),
     _of_model("effort_share", (), "", "share of the joints' effort limits that may be used", lambda chain: 1.0),
     _of_model("demanded_margin", ("grasps",), "N", "margins that the grasps must keep",

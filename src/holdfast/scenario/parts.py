@@ -34,7 +34,8 @@ def grasp(data: scene.GraspTable, at: Location) -> Grasp:
     contact = limits = None
     if data.contact is not None:
         with (at / "contact").refusals():
-            contact = Friction(data.contact.mu, data.contact.torsion_radius, data.contact.half_length)
+            given = data.contact
+            contact = Friction(given.mu, given.torsion_radius, given.half_length, given.half_lengths)
     if data.wrench_limits is not None:
         given = data.wrench_limits
         with (at / "wrench_limits").refusals():

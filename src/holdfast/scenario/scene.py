@@ -158,6 +158,7 @@ class ContactTable(KeyTable):
     mu: float
     torsion_radius: float | None = None
     half_length: float | None = None
+    half_lengths: tuple[float, float] | None = None
 
 
 class WrenchLimitsTable(KeyTable):

@@ -170,16 +170,16 @@ def _row(chain: ClosedChain, engine: ForestEngine, sample: ForestSample, tau: Ar
 
 
 def require_simulated(chain: ClosedChain, policy: Policy) -> None:
-    """Refuse grasps whose limits would have to be verified.
+    """Refuse grasps and loops whose limits would have to be verified.
 
     Raises:
         MethodNotApplicable: naming one.
     """
-    limited = [
-        key for key, grasp in chain.grasps.items() if grasp.contact is not None or grasp.wrench_limits is not None
-    ]
+    grasps = {key: chain.as_forest.forest.closures[i].grasp for key, i in chain.as_forest.closures.items()}
+    limited = [key for key, grasp in grasps.items() if grasp.contact is not None or grasp.wrench_limits is not None]
     if limited and policy.on_slip != "record":
+        what = "grasp" if limited[0] in chain.grasps else "loop"
         raise MethodNotApplicable(
-            f"on_slip: expected 'record' for grasp {limited[0]!r}, whose friction or limits are not verified in a chain"
-            " that is answered as a forest; the run goes on as if it held, and has its wrenches"
+            f"on_slip: expected 'record' for {what} {limited[0]!r}, whose friction or limits are not verified in a"
+            " chain that is answered as a forest; the run goes on as if it held, and has its wrenches"
         )

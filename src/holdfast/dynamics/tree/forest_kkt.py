@@ -27,11 +27,7 @@ def forest_kkt(motion: ForestMotion) -> ForestSolution:
         MethodNotApplicable: the matrix is singular.
     """
     rows, n = forest_rows(motion), motion.forest.velocity_count
-    M, load = np.diag(np.concatenate([body.armature for body in motion.bodies])), np.zeros(n)
-    for body, J, part in zip(motion.bodies, rows.jacobians, motion.forest.velocities, strict=True):
-        M = M + J.T @ body.inertia.dense() @ J
-        load = load - J.T @ (body.load - body.wrench)
-        load[part] += body.torque
+    M, load = mass_and_load(motion, rows)
     kept = independent_rows_of(motion, rows)
     G = rows.G[kept]
     matrix = np.block([[M, G.T], [G, np.zeros((len(kept), len(kept)))]])
@@ -53,6 +49,16 @@ def forest_kkt(motion: ForestMotion) -> ForestSolution:
         1.0,
         [],
     )
+
+
+def mass_and_load(motion: ForestMotion, rows: ForestRows) -> tuple[Array, Array]:
+    """Return M (n_v, n_v) and torque - h (n_v,), for rates of free bodies at their mass centres. O(bodies n_v^2)."""
+    M, load = np.diag(np.concatenate([body.armature for body in motion.bodies])), np.zeros(len(rows.G.T))
+    for body, J, part in zip(motion.bodies, rows.jacobians, motion.forest.velocities, strict=True):
+        M = M + J.T @ body.inertia.dense() @ J
+        load = load - J.T @ (body.load - body.wrench)
+        load[part] += body.torque
+    return M, load
 
 
 def independent_rows_of(motion: ForestMotion, rows: ForestRows) -> Array:
