@@ -24,7 +24,7 @@ RESULTS = {
     "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
     "dynamics.MechanismAttachment", "dynamics.MechanismLinearisation", "dynamics.MechanismTorques",
        "identification.Identification",
-    "planning.JointPath", "simulation.MechanismRun", "simulation.Rollout", "simulation.RolloutSystems",
+    "planning.JointPath", "simulation.Rollout", "simulation.RolloutSystems",
 }  # fmt: skip
 # of arguments with defaults, those that only chains with branches need
 BESIDE = {

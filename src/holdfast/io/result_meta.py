@@ -23,7 +23,7 @@ from holdfast.io.store import (
 )
 from holdfast.robots.urdf.source import UrdfSource
 from holdfast.simulation.events import Occurrence
-from holdfast.simulation.trajectory import TRUNK_FIELDS, Trajectory, array_names, joined
+from holdfast.simulation.trajectory import EMPTY_FIELDS, Trajectory, array_names, joined
 
 META, SCENE, SUMMARY = "meta.json", "scene.toml", "summary.json"
 MODEL, BASES, PLANNED = "model.json", "bases.npz", "bases_planned.npz"  # of a run made in Python
@@ -207,7 +207,7 @@ def read_chunk(folder: Path, k: int, meta: ResultMeta) -> Trajectory:
     count = meta.chunks[k]
     arrays, log = read_arrays(folder, chunk_name(k), meta.files, "occurrences")
     names = meta.options.get("record", array_names())
-    if lacking := [name for name in names if name not in (*arrays, *TRUNK_FIELDS)]:
+    if lacking := [name for name in names if name not in (*arrays, *EMPTY_FIELDS)]:
         raise Damage(f"{chunk_name(k)} lacks {', '.join(lacking)}")
     for name, array in arrays.items():
         if array.shape[:1] < (count,):

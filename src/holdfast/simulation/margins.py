@@ -211,7 +211,7 @@ class ViolationTracker:
         if not (margins < 0.0).any() and np.isinf(self.since).all():
             return replace(self, lowest=np.minimum(self.lowest, margins)), []
         here = np.array([t]), margins[None]
-        return self._followed([(i, *here) for i in signals.limited], signals, lambda _, i: signals.description(now, i))
+        return self.followed([(i, *here) for i in signals.limited], signals, lambda _, i: signals.description(now, i))
 
     def after(self, found: StepMargins, curves: MarginCurves, signals: Signals) -> tuple[Self, list[Occurrence]]:
         """Return the tracker after a step, and the occurrences in it with refined zeros."""
@@ -220,7 +220,7 @@ class ViolationTracker:
         entries = []
         for i in signals.limited:
             entries.append((i, *self._with_zeros(int(i), found, curves)))
-        return self._followed(entries, signals, lambda t, i: _description(curves, signals, t, i))
+        return self.followed(entries, signals, lambda t, i: _description(curves, signals, t, i))
 
     def without(self, signal: int) -> Self:
         """Return the tracker with the present violation of a signal removed, because its limit no longer exists."""
@@ -242,10 +242,10 @@ class ViolationTracker:
         inside = (evaluated >= times[0]) & (evaluated <= times[-1])
         return evaluated[inside], margins[inside]
 
-    def _followed(
+    def followed(
         self, entries: list[tuple[int, Array, Array]], signals: Signals, describe: Callable[[float, int], str]
     ) -> tuple[Self, list[Occurrence]]:
-        """Return the tracker after the given times and margins of some signals, and the occurrences."""
+        """Return the tracker after times (k,) and margins (k, signals) for some signals, and the occurrences."""
         lowest, since, depth, when = (getattr(self, f).copy() for f in ("lowest", "since", "depth", "depth_time"))
         happened = []
         for i, times, margins in entries:
