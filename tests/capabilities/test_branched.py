@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import tempfile
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,21 @@ from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
-    "ClosedChain", "close", "control.GravityCompensation",
-    "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
+    "ClosedChain", "close", "control.GravityCompensation", "control.clipped",
+    "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.closure", "dynamics.kinetic_energy",
     "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
     "dynamics.power", "dynamics.release", "forward_dynamics", "forward_dynamics_jacobian",
-    "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise", "simulate",
+    "forward_dynamics_jvp", "forward_dynamics_vjp", "forces.grasp_margins", "forces.joint_margins", "holding_torques",
+    "inverse_dynamics", "linearise", "plot.playback_of_run", "plot.save_plots", "project", "simulate",
 }  # fmt: skip
+
+
+def short_run() -> Any:
+    """Return a run of one step."""
+    p = two_arms_with_grippers()
+    return hf.simulate(p.chain, p.state, lambda t, state, memory: (p.tau, memory), 1e-3, 1e-3)
+
+
 # results, which functions of this register make
 RESULTS = {
     "compiled.CompiledChain", "control.TimedPath", "dynamics.ForwardResult", "dynamics.MechanismResult",
@@ -34,6 +44,9 @@ BESIDE = {
     "dynamics.release": {"name": ("arm1", "pad1")},
     "forward_dynamics_jvp": {"along": {"tau": np.ones(16)}},
     "forward_dynamics_vjp": {"qdd": np.ones(16)},
+    "forces.grasp_margins": {"grasp_wrench": np.zeros((3, 6))},
+    "plot.playback_of_run": {"run": short_run()},
+    "plot.save_plots": {"run": short_run(), "folder": tempfile.mkdtemp()},
     "simulate": {"duration": 2e-3, "step": 1e-3, "controller": lambda t, state, memory: (np.zeros(16), memory)},
     "inverse_dynamics": {"qdd": np.zeros(16), "object_acceleration": np.zeros(6)},
 }

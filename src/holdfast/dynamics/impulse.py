@@ -18,7 +18,8 @@ from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
 from holdfast.dynamics.closed.chain_solution import base_wrench
 from holdfast.dynamics.closed.held_rows import holding
-from holdfast.dynamics.consistency import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual, require_closed
+from holdfast.dynamics.consistency import require_closed
+from holdfast.dynamics.grasp_gap import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual
 from holdfast.dynamics.projection import constraint_impulses, quickened
 from holdfast.dynamics.rank import rank_and_held_near
 from holdfast.dynamics.result import Status

@@ -79,7 +79,8 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
         versions: versions of the libraries that affect results.
         arms: names of the arms, in the order of the arrays.
         trunk: whether the chain has a trunk.
-        grasps: kind of grasp at the start, by arm.
+        grasps: kind of grasp at the start, by arm, or by "arm/frame".
+        rows: names of the rows of wrenches and margins, if these are not the arms.
         joints, joint_kinds: `arm/joint` and revolute or prismatic, in the arrays' order.
         work_terms: the columns of `work`.
         units: shape, meaning and unit of each array, as documentation.
@@ -119,6 +120,7 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
     stopped: str | None = None
     occurrences: list[Occurrence] = msgspec.field(default_factory=list)
     trunk: bool = False
+    rows: list[str] = msgspec.field(default_factory=list)
 
     @property
     def ended(self) -> bool:

@@ -10,8 +10,8 @@ from holdfast.model.closed_chain import ClosedChain
 
 # what such chains can be asked
 ANSWERED = (
-    "close, forward_dynamics, its derivatives, inverse_dynamics, holding_torques, diagnose, energies, attach,"
-    " linearise, simulate, compile(chain.forest)"
+    "close, project, forward_dynamics, its derivatives, inverse_dynamics, holding_torques, diagnose, margins, energies,"
+    " attach, linearise, simulate with pictures and folders, compile(chain.forest)"
 )
 
 

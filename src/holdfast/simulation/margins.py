@@ -117,6 +117,12 @@ class Signals:
         return f"grasp '{name}' {giving_way(grasp, wrench)}"
 
 
+def freedom_names(chain: ClosedChain) -> list[str]:
+    """Return 'arm/joint' names in the order of qd; that of a spherical joint occurs three times."""
+    pairs = zip(chain.joint_names(), chain.all_joints, strict=True)
+    return [name for name, joint in pairs for _ in range(joint.type.freedoms)]
+
+
 def by_arm(chain: ClosedChain, margins: Array) -> Array:
     """Return the margins of the grasps by arm, (..., arms) for (..., grasps); infinite for an arm without a grasp."""
     found = np.full((*margins.shape[:-1], len(chain.arms)), np.inf)

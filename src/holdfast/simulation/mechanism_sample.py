@@ -13,19 +13,13 @@ from holdfast.simulation.events import Occurrence
 from holdfast.simulation.mechanism_margins import MechanismInstant, MechanismSignals
 from holdfast.simulation.run_record import Listeners, RecordSettings
 from holdfast.simulation.sample import lowest_joints
-from holdfast.simulation.trajectory import Trajectory, joined, part_of
+from holdfast.simulation.trajectory import NOT_OF_FORESTS, Trajectory, joined, part_of
 from holdfast.spatial.scalar import Array
-
-# what a run of a forest does not determine
-NOT_RECORDED = (
-    "internal_wrench", "load_share", "wrist_wrench", "base_wrench", "spin", "best_margin", "worst_margin", "momentum",
-    "momentum_rate", "base_impulse",
-)  # fmt: skip
 
 
 def recordable(how: RecordSettings) -> RecordSettings:
     """Return what a run of a forest records of what is asked."""
-    return how._replace(names=tuple(name for name in how.names if name not in NOT_RECORDED))
+    return how._replace(names=tuple(name for name in how.names if name not in NOT_OF_FORESTS))
 
 
 def mechanism_instant(signals: MechanismSignals, sample: ForestSample, found: ForestAccount, tau: Array) -> Any:
@@ -50,9 +44,8 @@ def arrays_of(
     """
     chain, state, none = signals.chain, at.state, np.zeros(0)
     qdd, joints, several = sample.now.qdd, joint_rows(chain), np.shape(state.object_twist)
-    free = {} if chain.trunk is not None else {"trunk_base_wrench": none}
     before, after = sample.drift, (found.position_gap, found.velocity_gap)
-    return free | {
+    return {
         "t": sample.t,
         "q": state.q,
         "qd": state.qd,

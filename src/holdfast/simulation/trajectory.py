@@ -37,6 +37,11 @@ BASE_FIELDS = ("base_pose", "base_twist", "base_acceleration")
 TRUNK_FIELDS = (*BASE_FIELDS, "trunk_base_wrench")
 # arrays that a run without trunk and couplings need not give; results of 0.1 lack them
 EMPTY_FIELDS = (*TRUNK_FIELDS, "coupling_force")
+# what a run of a chain with branches, loops, couplings or several objects does not determine
+NOT_OF_FORESTS = (
+    "internal_wrench", "load_share", "wrist_wrench", "base_wrench", "spin", "best_margin", "worst_margin", "momentum",
+    "momentum_rate", "base_impulse", "trunk_base_wrench",
+)  # fmt: skip
 
 
 class ArrayNotRecorded(StateError):
@@ -167,8 +172,9 @@ class Trajectory(Frozen, RunOutputs):
 
     @property
     def has_every_array(self) -> bool:
-        """Whether everything was recorded."""
-        return len(self.recorded) == len(array_names())
+        """Whether everything was recorded that a run of its chain determines."""
+        forest = self.setting is not None and bool(self.setting.chain.beyond_serial)
+        return {*array_names()} - {*self.recorded} <= {*(NOT_OF_FORESTS if forest else ())}
 
     def __len__(self) -> int:
         return len(self.t)

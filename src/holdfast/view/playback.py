@@ -19,13 +19,13 @@ from holdfast.errors import ModelError
 from holdfast.forces.force_split import split
 from holdfast.forces.limits import ForceLimits
 from holdfast.forces.margins import grasp_margins
+from holdfast.forces.row_wrenches import attitudes
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.grasp_rows import GraspRow, grasp_rows
 from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.mechanism_margins import attitudes
 from holdfast.simulation.run_outputs import FRAME_RATE
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation

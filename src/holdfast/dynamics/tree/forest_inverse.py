@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.stacked import block_diagonal
-from holdfast.dynamics.consistency import VELOCITY_TOLERANCE
 from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
+from holdfast.dynamics.grasp_gap import VELOCITY_TOLERANCE
 from holdfast.dynamics.tree.forest_dynamics import forest_arguments
 from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_motion import ForestMotion
