@@ -16,8 +16,8 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-WIDEST_GAP = 0.1  # m and rad: wider ones are no rounding of a step
-MOST_ROUNDS = 8
+WIDEST_MECHANISM_GAP = 0.1  # m and rad: wider ones are no rounding of a step
+MOST_PROJECTION_ROUNDS = 8
 
 
 def mechanism_residuals(chain: ClosedChain, state: State, inputs: Inputs | None) -> dict[Any, tuple[Array, Array]]:
@@ -39,10 +39,10 @@ def mechanism_project(chain: ClosedChain, state: State, inputs: Inputs | None) -
     if given.under or given.behind:
         raise MethodNotApplicable("project: expected bases that stand still, for a chain that is answered as a forest")
     q, qd, gap = given.q, given.qd, np.inf
-    for k in range(MOST_ROUNDS):
+    for k in range(MOST_PROJECTION_ROUNDS):
         now = closing_round(given.forest, q, qd)
         gap = float(now.position_gap)
-        if k == 0 and not gap <= WIDEST_GAP:
+        if k == 0 and not gap <= WIDEST_MECHANISM_GAP:
             raise ClosureError(
                 f"grasps, loops and couplings are open by {gap:.3g} (m or rad), expected a step's rounding; try"
                 " holdfast.close, or a smaller time step"
