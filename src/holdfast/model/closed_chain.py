@@ -205,8 +205,8 @@ class ClosedChain(Frozen):
         head = "".join(f"<th>{title}</th>" for title in titles)
         body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self._table())
         table = f"<table><tr>{head}</tr>{body}</table>"
-        diagram = "" if self.beyond_serial else outer.chain_diagram(self)
-        return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:start">{table}{diagram}</div>'
+        drawn = outer.chain_diagram(self)
+        return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:start">{table}{drawn}</div>'
 
     def _table(self) -> list[tuple[str, str, str, str]]:
         """Return the name, joints, base and grasp of trunk, arms and object."""
