@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 
@@ -107,7 +107,7 @@ class Signals:
         """Whether a grasp has a limit."""
         return any(conditions(grasp) for grasp in self.chain.grasps.values())
 
-    def description(self, at: Instant, signal: int) -> str:
+    def description(self, at: Any, signal: int) -> str:
         """Return a sentence on what happens when the margin reaches zero."""
         name, quantity = self.names[signal], self.quantities[signal]
         if quantity != "grasp":
@@ -205,14 +205,14 @@ class ViolationTracker:
         """Whether a recorded violation goes on, (signals,)."""
         return np.isfinite(self.since)
 
-    def at(self, t: float, margins: Array, signals: Signals, now: Instant) -> tuple[Self, list[Occurrence]]:
+    def at(self, t: float, margins: Array, signals: Signals, now: Any) -> tuple[Self, list[Occurrence]]:
         """Return the tracker after an instant that begins a stretch, and the occurrences to report.
 
         Args:
             t: time [s].
             margins: (signals,) at that time.
             signals: signals of the chain at that time.
-            now: the instant.
+            now: the instant, as `Signals.description` takes it.
         """
         if not (margins < 0.0).any() and np.isinf(self.since).all():
             return replace(self, lowest=np.minimum(self.lowest, margins)), []

@@ -245,11 +245,13 @@ class _Run:
         signals = self._signals
         instants = {**dict(sorted(between.items())), later.sample.t: later}
         times, margins = np.array([*instants]), np.array([one.margins for one in instants.values()])
-        self._tracker, found = self._tracker.followed(
-            [(i, times, margins) for i in signals.limited.tolist()],
-            signals,
-            lambda t, i: signals.description(instants[t].at, i),
-        )
+        if between:
+            entries = [(i, times, margins) for i in signals.limited.tolist()]
+            self._tracker, found = self._tracker.followed(
+                entries, signals, lambda t, i: signals.description(instants[t].at, i)
+            )
+        else:
+            self._tracker, found = self._tracker.at(later.sample.t, later.margins, signals, later.at)
         self.happened += [*news, *found]
         self.now = later
         arrays = arrays_of(signals, later.sample, later.found, later.at, self._impact)

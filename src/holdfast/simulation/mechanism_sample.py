@@ -13,7 +13,7 @@ from holdfast.simulation.events import Occurrence
 from holdfast.simulation.mechanism_margins import MechanismInstant, MechanismSignals
 from holdfast.simulation.run_record import Listeners, RecordSettings
 from holdfast.simulation.sample import lowest_joints
-from holdfast.simulation.trajectory import NOT_OF_FORESTS, Trajectory, joined, part_of
+from holdfast.simulation.trajectory import NOT_OF_FORESTS, Trajectory, part_of
 from holdfast.spatial.scalar import Array
 
 
@@ -74,9 +74,10 @@ class MechanismRecord:
     """The samples that a run records: every so many steps, on both sides of a jump, and the last one."""
 
     def __init__(self, how: RecordSettings, signals: MechanismSignals, listeners: Listeners) -> None:
-        self._how, self._rows, self._listeners = how, len(signals.rows), listeners
-        self._parts: list[Trajectory] = []
-        self._waiting: Trajectory | None = None  # the last sample, if it is not recorded
+        self._how, self._count, self._listeners = how, len(signals.rows), listeners
+        self._kept: list[dict[str, Any]] = []
+        self._happened: list[Occurrence] = []
+        self._waiting: tuple[dict[str, Any], Array] | None = None  # the last sample, if it is not recorded
         self._lowest, self._when = np.full(len(signals), np.inf), np.zeros(len(signals))
 
     def add(
@@ -103,34 +104,42 @@ class MechanismRecord:
         for t, found in zip(times, margins, strict=True):
             lower = found < self._lowest
             self._lowest, self._when = np.where(lower, found, self._lowest), np.where(lower, t, self._when)
-        rows, now = self._rows, margins[-1]
-        joint, least, when = lowest_joints(self._lowest[None, rows:], self._when[None, rows:])
-        lowest, then = self._lowest[:rows], self._when[:rows]
-        arrays = arrays | {
+        self._waiting = arrays, margins[-1]
+        if due or happened:
+            self._keep(happened)
+
+    def _keep(self, happened: Sequence[Occurrence]) -> None:
+        """Record the waiting sample with the lowest margins since the one before."""
+        assert self._waiting is not None
+        (arrays, now), rows = self._waiting, self._count
+        t, lowest = arrays["t"], self._lowest[:rows]
+        joint, (least,), (when,) = lowest_joints(self._lowest[None, rows:], self._when[None, rows:])
+        one = arrays | {
             "margin": now[:rows],
             "lowest_margin": lowest,
-            "lowest_margin_time": np.where(np.isfinite(lowest), then, times[-1]),
-            "lowest_joint_margin": least[0],
-            "lowest_joint_margin_time": np.where(np.isfinite(least[0]), when[0], times[-1]),
+            "lowest_margin_time": np.where(np.isfinite(lowest), self._when[:rows], t),
+            "lowest_joint_margin": least,
+            "lowest_joint_margin_time": np.where(np.isfinite(least), when, t),
             "lowest_joint": joint[0],
         }
-        kept: dict[str, Any] = {name: np.array(arrays[name])[None] for name in self._how.names if name in arrays}
-        self._waiting = Trajectory(**kept, every=self._how.every, occurrences=tuple(happened))
-        if due or happened:
-            self._keep()
-            self._lowest, self._when = now, np.full_like(now, times[-1])
+        self._kept.append(one)
+        self._happened += happened
+        self._waiting, self._lowest, self._when = None, now, np.full_like(now, t)
+        told = self._listeners
+        part = self._run([one], happened) if told.on_sample or told.on_samples else None
+        if told.on_sample is not None and part is not None:
+            told.on_sample(part_of(part, 0, part.occurrences))
+        for listen in told.on_samples:
+            listen(part, None)
 
-    def _keep(self) -> None:
-        assert self._waiting is not None
-        self._parts.append(self._waiting)
-        if self._listeners.on_sample is not None:
-            self._listeners.on_sample(part_of(self._waiting, 0, self._waiting.occurrences))
-        for listen in self._listeners.on_samples:
-            listen(self._waiting, None)
-        self._waiting = None
+    def _run(self, samples: Sequence[dict[str, Any]], happened: Sequence[Occurrence]) -> Trajectory:
+        """Return samples as a run."""
+        names = [name for name in self._how.names if name in samples[0]]
+        arrays: dict[str, Any] = {name: np.array([one[name] for one in samples]) for name in names}
+        return Trajectory(**arrays, every=self._how.every, occurrences=tuple(happened))
 
     def run(self) -> Trajectory:
         """Return all recorded samples."""
         if self._waiting is not None:
-            self._keep()
-        return joined(self._parts)
+            self._keep(())
+        return self._run(self._kept, self._happened)
