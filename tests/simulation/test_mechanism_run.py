@@ -143,3 +143,20 @@ def test_wrong_calls():
         hf.simulate(chain, state, constant(tau), 0.02, 1e-2, inputs=hf.Inputs(base_twists=np.zeros((1, 6))))
     with pytest.raises(ModelError, match="on_slip: expected one of"):
         hf.simulate(chain, state, constant(tau), 0.02, 1e-2, on_slip="hope")
+    with pytest.raises(MethodNotApplicable, match=r"record: .* got 'internal_wrench'"):
+        hf.simulate(chain, state, constant(tau), 0.02, 1e-2, record=["q", "internal_wrench"])
+    with pytest.raises(MethodNotApplicable, match="recording: run: chain"):
+        hf.identification.Recording.of_run(hf.simulate(chain, state, constant(tau), 0.02, 1e-2))
+
+
+def test_chosen_arrays():
+    """A run records what is asked for, every few steps, with the bits of a run with everything."""
+    chain, state, tau = palletiser()
+    whole, heard = hf.simulate(chain, state, constant(tau), 0.02, 2e-3), []
+    some = hf.simulate(chain, state, constant(tau), 0.02, 2e-3, record=["q", "margin"], every=4, on_sample=heard.append)
+    assert some.t.tolist() == whole.t[[0, 4, 8, 10]].tolist()
+    assert some.q.tolist() == whole.q[[0, 4, 8, 10]].tolist() and some.every == 4
+    assert {*some.recorded} - {"t", "q", "margin"} == {"base_pose", "base_twist", "base_acceleration", "coupling_force"}
+    assert [float(one.t) for one in heard] == some.t.tolist()
+    with pytest.raises(StateError, match=r"'momentum' was not recorded \(runs of chains with branches never have it"):
+        _ = whole.momentum[0]

@@ -9,6 +9,7 @@ import numpy as np
 
 from holdfast.dynamics.tree.forest_simulate import ForestAccount, ForestSample
 from holdfast.dynamics.tree.mechanism_terms import chain_state, joint_rows
+from holdfast.errors import MethodNotApplicable
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.mechanism_margins import MechanismInstant, MechanismSignals
 from holdfast.simulation.run_record import Listeners, RecordSettings
@@ -17,8 +18,20 @@ from holdfast.simulation.trajectory import NOT_OF_FORESTS, Trajectory, part_of
 from holdfast.spatial.scalar import Array
 
 
-def recordable(how: RecordSettings) -> RecordSettings:
-    """Return what a run of a forest records of what is asked."""
+def recordable(how: RecordSettings, asked: str | Sequence[str]) -> RecordSettings:
+    """Return what a run of a forest records.
+
+    Args:
+        how: the settings, whatever the chain.
+        asked: the argument `record` of `simulate`.
+
+    Raises:
+        MethodNotApplicable: an array is asked for by name that such a run does not determine.
+    """
+    named = [asked] if isinstance(asked, str) else asked
+    for name in NOT_OF_FORESTS:
+        if name in named:
+            raise MethodNotApplicable(f"record: expected arrays of a chain that is answered as a forest, got '{name}'")
     return how._replace(names=tuple(name for name in how.names if name not in NOT_OF_FORESTS))
 
 
@@ -126,11 +139,12 @@ class MechanismRecord:
         self._happened += happened
         self._waiting, self._lowest, self._when = None, now, np.full_like(now, t)
         told = self._listeners
-        part = self._run([one], happened) if told.on_sample or told.on_samples else None
-        if told.on_sample is not None and part is not None:
-            told.on_sample(part_of(part, 0, part.occurrences))
-        for listen in told.on_samples:
-            listen(part, None)
+        if told.on_sample or told.on_samples:
+            part = self._run([one], happened)
+            if told.on_sample is not None:
+                told.on_sample(part_of(part, 0, part.occurrences))
+            for listen in told.on_samples:
+                listen(part, None)
 
     def _run(self, samples: Sequence[dict[str, Any]], happened: Sequence[Occurrence]) -> Trajectory:
         """Return samples as a run."""

@@ -150,7 +150,7 @@ class Listeners(NamedTuple):
     progress: Callable[[float], object]
     on_sample: Callable[[Trajectory], None] | None = None
     on_checkpoint: Callable[[Checkpoint], None] | None = None
-    on_samples: Sequence[Callable[[Any, Any], None]] = ()
+    on_samples: Sequence[Callable[[Trajectory, Any], None]] = ()
     on_disk: Callable[[str], Array] | None = None
 
 

@@ -205,7 +205,7 @@ def simulate(
         require_function(acting.law, chain)
     if forest:
         require_openable(chain, policy)
-        wanted = recordable(wanted)
+        wanted = recordable(wanted, record)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
 
     verified = EVALUATIONS if joint_limits(chain).limited.any() else 1

@@ -58,8 +58,9 @@ class NotRecorded(NDArrayOperatorsMixin):
         return f"<'{self._name}' was not recorded>"
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        never = " (runs of chains with branches never have it)" if self._name in NOT_OF_FORESTS else ""
         raise ArrayNotRecorded(
-            f"run: '{self._name}' was not recorded; try simulate(..., record=[..., '{self._name}']), or record="
+            f"run: '{self._name}' was not recorded{never}; try simulate(..., record=[..., '{self._name}']), or record="
             '"everything"'
         )
 

@@ -108,8 +108,8 @@ def _arm(
         begin = start + JOINT_WIDTH * branch.column
         reach = JOINT_WIDTH * len(joints) if chain.beyond_serial else _length(joints) - 0.5 * JOINT_WIDTH
         end = begin + reach + 0.8 * JOINT_WIDTH
-        if branch.key is not None:
-            grasp = chain.grasps[branch.key]
+        grasp = None if branch.key is None else chain.grasps[branch.key]
+        if grasp is not None:
             end = boxes[chain.held_by(grasp, branch.key)].x
         fork = begin + (0.25 * JOINT_WIDTH if branch.origin is not None else 0.0)
         if branch.origin is not None:
@@ -118,7 +118,7 @@ def _arm(
             _line(fork, here, end, here, colour),
             *_joints(joints, begin, here, colour, bool(chain.beyond_serial)),
         ]
-        if branch.key is not None:
+        if grasp is not None:
             parts.append(
                 f'<path d="M{end - 8:g} {here:g}l8 -6l8 6l-8 6z" fill="{colour}"/>'
                 + _text(end - 12, here - 5, grasp.kind, "end")
