@@ -51,7 +51,6 @@ def branched() -> list[Any]:
         hf.forward_dynamics(*p),
         hf.inverse_dynamics(p.chain, p.state, 0.0 * p.tau, object_acceleration=np.zeros(6)),
         hf.linearise(*p),
-        hf.simulate(p.chain, p.state, lambda t, state, memory: (p.tau, memory), 1e-3, 1e-3),
         hf.dynamics.attach(p.chain, p.state, ("arm2", "pad1"), hf.Grasp("ball"), here=True),
     ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import tempfile
 from typing import Any
 
 import numpy as np
@@ -13,20 +14,29 @@ from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
-    "ClosedChain", "close", "compile", "control.GravityCompensation", "control.ObjectTracking",
-    "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.kinetic_energy",
+    "ClosedChain", "close", "compile", "control.GravityCompensation", "control.ObjectTracking", "control.clipped",
+    "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.closure", "dynamics.kinetic_energy",
     "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
-    "dynamics.power", "dynamics.release", "forces.distribute", "forces.grasp_margins", "forces.least_peak",
-    "forces.lift_margin", "forward_dynamics", "forward_dynamics_jacobian",
-    "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise", "simulate",
+    "dynamics.power", "dynamics.release", "forces.distribute", "forces.grasp_margins", "forces.joint_margins",
+    "forces.least_peak", "forces.lift_margin", "forward_dynamics", "forward_dynamics_jacobian",
+    "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise",
+    "plot.playback_of_run", "plot.save_plots", "project", "simulate",
 }  # fmt: skip
+
+
+def short_run() -> Any:
+    """Return a run of one step."""
+    p = two_arms_with_grippers()
+    return hf.simulate(p.chain, p.state, lambda t, state, memory: (p.tau, memory), 1e-3, 1e-3)
+
+
 # results, which functions of this register make
 RESULTS = {
     "compiled.CompiledChain", "compiled.CompiledMechanism", "control.TimedPath", "dynamics.ForwardResult",
     "dynamics.MechanismResult",
     "dynamics.MechanismAttachment", "dynamics.MechanismLinearisation", "dynamics.MechanismTorques",
        "identification.Identification",
-    "planning.JointPath", "simulation.MechanismRun", "simulation.Rollout", "simulation.RolloutSystems",
+    "planning.JointPath", "simulation.Rollout", "simulation.RolloutSystems",
 }  # fmt: skip
 # of arguments with defaults, those that only chains with branches need
 BESIDE = {
@@ -35,9 +45,11 @@ BESIDE = {
     "dynamics.momentum_rate": {"result": hf.forward_dynamics(*two_arms_with_grippers())},
     "dynamics.power": {"result": hf.forward_dynamics(*two_arms_with_grippers())},
     "dynamics.release": {"name": ("arm1", "pad1")},
-    "forces.grasp_margins": {"grasp_wrench": np.ones((3, 6))},
     "forward_dynamics_jvp": {"along": {"tau": np.ones(16)}},
     "forward_dynamics_vjp": {"qdd": np.ones(16)},
+    "forces.grasp_margins": {"grasp_wrench": np.zeros((3, 6))},
+    "plot.playback_of_run": {"run": short_run()},
+    "plot.save_plots": {"run": short_run(), "folder": tempfile.mkdtemp()},
     "simulate": {"duration": 2e-3, "step": 1e-3, "controller": lambda t, state, memory: (np.zeros(16), memory)},
     "inverse_dynamics": {"qdd": np.zeros(16), "object_acceleration": np.zeros(6)},
 }

@@ -30,7 +30,7 @@ def test_steps(seed):
 
     runs = []
     for engine in (ForestReference(p.forest), CompiledForestEngine(p.forest)):
-        samples = [*forest_steps(engine, p.forest, p.q, p.qd, acting, 1e-3 * np.arange(4))]
+        samples = [*forest_steps(engine, p.q, p.qd, acting, 1e-3 * np.arange(4))]
         runs.append([(one, engine.account(one.given, one.now)) for one in samples])
     for (reference, theirs), (coded, ours) in zip(*runs, strict=True):
         assert gap(coded.given.q, reference.given.q) < 1e-12
@@ -69,8 +69,8 @@ def test_runs_of_chains(name):
     short, long = (hf.simulate(chain, state, law, steps * 1e-3, 1e-3) for steps in (10, 60))
     for of in ("q", "qd", "object_pose", "tau", "qdd", "grasp_wrench", "coupling_force", "kinetic", "work"):
         assert gap(getattr(long, of)[:11], getattr(short, of)) < 1e-9
-    assert np.abs(long.energy_imbalance).max() < 1e-7
-    assert long.position_gap.max() < 1e-12
+    assert np.abs(long.imbalance).max() < 1e-7
+    assert long.position_gap[:, 1].max() < 1e-12
 
 
 @pytest.mark.slow
@@ -86,11 +86,11 @@ def test_a_lower_rank_is_answered_by_the_reference():
 
 
 def test_refusals_are_those_of_the_reference():
-    """A run whose torques overflow is refused in the words of the reference, by machine code as well."""
+    """A run whose torques overflow ends in the words of the reference, by machine code as well."""
     chain, state, tau = palletiser()
     for steps in (10, 60):
-        with pytest.raises(hf.errors.StateError, match="overflow"):
-            hf.simulate(chain, state, lambda t, state, memory: (1e306 * np.sign(tau), memory), steps * 1e-3, 1e-3)
+        run = hf.simulate(chain, state, lambda t, state, memory: (1e306 * np.sign(tau), memory), steps * 1e-3, 1e-3)
+        assert "overflow" in run.stopped
 
 
 @pytest.mark.parametrize("seed", mostly_slow(SEEDS, (2,)))

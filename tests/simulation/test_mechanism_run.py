@@ -9,6 +9,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
+from holdfast.model.grasp_rows import row_name
 from tests.dynamics.tree.as_branched import AWAY, STRAY, gap
 from tests.longer import mostly_slow
 from tests.systems.branched import branched_problems, palletiser
@@ -24,12 +25,13 @@ def test_accounts(name):
     """Closures stay closed, coupled joints stay together, and work explains the energy to the order of the scheme."""
     chain, state, tau = branched_problems()[name]
     runs = [hf.simulate(chain, state, constant(tau), 0.02, step) for step in (4e-3, 2e-3)]
-    coarse, fine = (np.abs(run.energy_imbalance).max() for run in runs)
+    coarse, fine = (np.abs(run.imbalance).max() for run in runs)
     assert coarse / 24 < fine < coarse / 12 or coarse < 1e-11
     assert fine < 1e-9
     run = runs[1]
     assert len(run) == 11 and run.stopped is None
-    assert run.position_gap.max() < 1e-12 and run.velocity_gap.max() < 1e-9
+    assert run.position_gap[:, 1].max() < 1e-12 and run.velocity_gap[:, 1].max() < 1e-9
+    assert run.position_gap[1:, 0].min() >= 0.0 and run.rows == [row_name(key) for key in chain.as_forest.closures]
     assert np.abs(run.work[-1]).max() > 1e-4  # drives and dampers do work
     result = hf.forward_dynamics(chain, run.state(-1), tau)
     assert gap(run.qdd[-1], result.qdd) < 1e-12
@@ -104,19 +106,18 @@ def test_a_run_that_ends_early():
     state = hf.close(chain, hf.State([0.4, lean, -lean, lean], [0.0, 1.0, -1.0, 1.0]))
     run = hf.simulate(chain, state, constant(0.0 * tau), 0.1, 1e-3)
     assert 0.015 < run.t[-1] < 0.02  # the hand swings at 1 rad/s and is 0.02 rad away
-    assert run.stopped.startswith(f"after {run.t[-1]:g} s: the constraint has rank 1 of 3")
+    assert run.stopped.startswith(f"stopped after t = {run.t[-1]:.6g} s: the constraint has rank 1 of 3")
     assert "loop 'robot/level'" in run.stopped
-    assert repr(run).startswith(f"<MechanismRun: {len(run)} samples")
+    assert repr(run).startswith(f"<Trajectory run 'run' of robot: {len(run)} samples")
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"events": [hf.Release(0.01, "robot")]}, "events"),
         ({"scheme": "dop853"}, "scheme"),
         ({"sample_time": 1e-3}, "sample_time"),
-        ({"folder": "run"}, "folder"),
-        ({"on_limit": "stop"}, "on_limit"),
+        ({"on_checkpoint": print}, "on_checkpoint"),
+        ({"on_singular": "continue"}, "on_singular"),
         ({"base_motion": {"robot": None}}, "base_motion"),
     ],
 )
@@ -128,7 +129,7 @@ def test_refusals(given, message):
 
 
 def test_wrong_calls():
-    """Wrong torques, controllers, states and base motion are refused; so is friction that is not verified."""
+    """Wrong torques, controllers, states and base motion are refused."""
     chain, state, tau = palletiser()
     with pytest.raises(StateError, match="controller: torques: expected shape"):
         hf.simulate(chain, state, constant([1.0]), 0.02, 1e-2)
@@ -142,10 +143,20 @@ def test_wrong_calls():
         hf.simulate(chain, state, constant(tau), 0.02, 1e-2, inputs=hf.Inputs(base_twists=np.zeros((1, 6))))
     with pytest.raises(ModelError, match="on_slip: expected one of"):
         hf.simulate(chain, state, constant(tau), 0.02, 1e-2, on_slip="hope")
-    p = branched_problems()["grippers"]
-    key = ("arm1", "pad1")
-    grasps = {**p.chain.grasps, key: replace(p.chain.grasps[key], contact=hf.Friction(0.5))}
-    slippery = replace(p.chain, grasps=grasps)
-    with pytest.raises(MethodNotApplicable, match="on_slip: expected 'record'"):
-        hf.simulate(slippery, p.state, constant(p.tau), 2e-3, 1e-3)
-    assert len(hf.simulate(slippery, p.state, constant(p.tau), 2e-3, 1e-3, on_slip="record")) == 3
+    with pytest.raises(MethodNotApplicable, match=r"record: .* got 'internal_wrench'"):
+        hf.simulate(chain, state, constant(tau), 0.02, 1e-2, record=["q", "internal_wrench"])
+    with pytest.raises(MethodNotApplicable, match="recording: run: chain"):
+        hf.identification.Recording.of_run(hf.simulate(chain, state, constant(tau), 0.02, 1e-2))
+
+
+def test_chosen_arrays():
+    """A run records what is asked for, every few steps, with the bits of a run with everything."""
+    chain, state, tau = palletiser()
+    whole, heard = hf.simulate(chain, state, constant(tau), 0.02, 2e-3), []
+    some = hf.simulate(chain, state, constant(tau), 0.02, 2e-3, record=["q", "margin"], every=4, on_sample=heard.append)
+    assert some.t.tolist() == whole.t[[0, 4, 8, 10]].tolist()
+    assert some.q.tolist() == whole.q[[0, 4, 8, 10]].tolist() and some.every == 4
+    assert {*some.recorded} - {"t", "q", "margin"} == {"base_pose", "base_twist", "base_acceleration", "coupling_force"}
+    assert [float(one.t) for one in heard] == some.t.tolist()
+    with pytest.raises(StateError, match=r"'momentum' was not recorded \(runs of chains with branches never have it"):
+        _ = whole.momentum[0]

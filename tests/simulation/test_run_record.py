@@ -21,7 +21,7 @@ from holdfast.simulation import run_record
 from holdfast.simulation.events import Release
 from holdfast.simulation.run_record import STATE_NAMES, STATES
 from holdfast.simulation.summary import summarise, summary_of_parts
-from holdfast.simulation.trajectory import LOWEST, TRUNK_FIELDS, array_names, part_of
+from holdfast.simulation.trajectory import EMPTY_FIELDS, LOWEST, array_names, part_of
 from tests.control.two_pandas import two_pandas
 
 STEP = 1e-3
@@ -81,7 +81,7 @@ def test_chosen_arrays(record):
     whole, some = lift(0.02), lift(0.02, record=record)
     listed = STATE_NAMES if record == STATES else [record] if isinstance(record, str) else record
     lowest = ["lowest_margin"] if "lowest_margin_time" in listed else []
-    assert set(some.recorded) == {"t", *listed, *lowest, *TRUNK_FIELDS}
+    assert set(some.recorded) == {"t", *listed, *lowest, *EMPTY_FIELDS}
     for name in array_names():
         found = getattr(some, name)
         if name in some.recorded:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast import Pose, Spring
-from holdfast.view.cameras import arms_outline, cameras, object_outline, upward
+from holdfast.view.cameras import arms_outline, cameras, objects_outline, upward
 from holdfast.view.playback import spring_ends
 from holdfast.view.scene_writer import FIELD_OF_VIEW
 from tests.view.runs import off_axis, played
@@ -19,7 +19,7 @@ def test_everything_is_in_the_picture():
     views = cameras(playback)
     assert [view.name for view in views] == ["overview", "front", "side", "top", "object"]
     moments = range(len(playback))
-    box = np.concatenate([object_outline(playback, k) for k in moments])
+    box = np.concatenate([objects_outline(playback, k) for k in moments])
     whole = np.concatenate([box, *(arms_outline(playback, k) for k in moments)])
     for view in views:
         ahead = (view.target - view.position) / np.linalg.norm(view.target - view.position)

@@ -11,6 +11,7 @@ from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.view.chain_diagram import DRAWN_ARMS, DRAWN_JOINTS, chain_diagram
 from tests.control.two_pandas import two_pandas
+from tests.systems.branched import branched_problems
 from tests.systems.trunk_problems import random_on_trunk
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -64,3 +65,28 @@ def test_too_many_arms():
     chain, _ = two_pandas()
     many = replace(chain, arms={f"arm{k}": chain.arms["left"] for k in range(DRAWN_ARMS + 1)}, grasps={})
     assert chain_diagram(many) == "" and many._repr_html_().count("<tr>") == DRAWN_ARMS + 3
+
+
+def test_branches():
+    """Branches have rows of their own, every joint its place, and every object a box; a passive joint is dashed."""
+    for name, p in branched_problems().items():
+        parts, words = drawn(p.chain)
+        joints = p.chain.all_joints
+        spheres = sum(joint.type.quaternion for joint in joints)
+        assert len(parts["circle"]) == sum(joint.turns for joint in joints) + spheres
+        boxes = len(parts["rect"]) - sum(not joint.turns for joint in joints) - p.chain.floats
+        assert boxes == len({p.chain.held_by(grasp, key) for key, grasp in p.chain.grasps.items()})
+        dashed = [one for one in parts["circle"] if one.get("stroke-dasharray")]
+        assert len(dashed) == sum(not joint.actuated for joint in joints)
+        assert {grasp.kind for grasp in p.chain.grasps.values()} <= set(words), name
+        assert chain_diagram(p.chain) in p.chain._repr_html_()
+    places = [(one.get("cx"), one.get("cy")) for one in parts["circle"]]
+    assert len(set(places)) == len(places) - spheres
+
+
+def test_loops():
+    """A loop is a dashed line that names it."""
+    chain = branched_problems()["pot and lid"].chain
+    assert chain_diagram(chain).count("<title>knob</title>") == 1
+    alone = branched_problems()["palletiser"].chain
+    assert chain_diagram(alone).count("<title>robot/level</title>") == 1

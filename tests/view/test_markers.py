@@ -8,7 +8,7 @@ from holdfast.robots import panda
 from holdfast.robots.visuals import equivalent_box
 from holdfast.spatial import rotation
 from holdfast.view.figure_style import DANGER, GREEN, rgb
-from holdfast.view.markers import arrow_scale, box_lines, cone_colour, cone_lines, struts
+from holdfast.view.markers import arrow_scale, box_lines, cone_colour, cone_lines, contacts_on, struts
 from tests.view.runs import played
 
 FRAME = Pose(rotation.exp(np.array([0.3, -0.8, 0.5])), np.array([0.2, -0.1, 0.4]))
@@ -48,9 +48,9 @@ def test_struts_reach_contacts_off_the_box():
     on, off = np.array([0.15, 0.05, 0.0]), np.array([0.0, 0.0, 0.4])
     grasps = {"a": Grasp("ball", Pose(np.eye(3), on)), "b": Grasp("ball", Pose(np.eye(3), off))}
     chain = ClosedChain({"a": panda(), "b": panda()}, held, grasps)
-    lines = struts(chain, *equivalent_box(held))
+    lines = struts(contacts_on(chain, "object"), *equivalent_box(held))
     assert lines == pytest.approx(np.array([[[0, 0, 0], off]]))
-    assert struts(chain.without_grasp("b"), *equivalent_box(held)).shape == (0, 2, 3)
+    assert struts(contacts_on(chain.without_grasp("b"), "object"), *equivalent_box(held)).shape == (0, 2, 3)
 
 
 def test_lines_lie_on_the_cone():

@@ -14,6 +14,7 @@ from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
+from holdfast.model.serial_chain import serial_chain
 from holdfast.model.tip_direction import advice_for, tip_angle
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
@@ -154,6 +155,7 @@ def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
     Raises:
         StateError: the state belongs to another chain.
     """
+    serial_chain(chain, "chain")
     gaps = {name: float(np.abs(gap.position).max(initial=0.0)) for name, gap in closure(chain, state).items()}
     rank, (alone, there) = constraint_rank(chain, state), on_own_bases(chain, state)
     return AssemblyReport(

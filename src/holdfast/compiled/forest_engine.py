@@ -47,8 +47,8 @@ class CompiledForestEngine:
         self.rank = rank if self.rank is None and status <= INDETERMINATE else self.rank
         if status > INDETERMINATE or rank != self.rank or given.under or given.behind:
             return self._reference.instant(given)
-        found = {name: x[name].copy() for name in ForestInstant._fields if name in x}
-        return ForestInstant(**found, unique=status == OK)  # pyright: ignore[reportArgumentType]
+        found = {name: x[name].copy() for name in ForestInstant._fields if name in x and name != "condition"}
+        return ForestInstant(**found, unique=status == OK, condition=float(x["condition"]))  # pyright: ignore
 
     def closing(self, q: Array, qd: Array) -> ClosingRound:
         """See `ForestEngine`."""

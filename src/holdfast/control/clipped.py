@@ -21,7 +21,6 @@ from holdfast.control.controller import (
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import serial_chain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum
 from holdfast.state import State
@@ -41,8 +40,8 @@ def clipped(controller: Controller | ControlLaw, chain: ClosedChain) -> Controll
         ModelError: the controller is not a function, or `chain` is not a ClosedChain.
     """
     require_controller(controller)
-    serial_chain(chain, "clipped: chain")
-    limits = np.array([joint.effort_limit for joint in chain.all_joints])
+    checks.instance(chain, ClosedChain, "clipped: chain")
+    limits = np.array([joint.effort_limit for joint in chain.freedoms])
     if not isinstance(controller, ControlLaw):
         return Clipped(controller, limits)
     key = f"{controller.key}, clipped to {limits.tolist()}" if controller.key else ""

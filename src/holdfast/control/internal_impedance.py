@@ -10,7 +10,7 @@ from holdfast.compiler.program import Shape
 from holdfast.control.gains import gain_matrix
 from holdfast.control.internal_force import InternalForce
 from holdfast.control.law_parts import GraspForces, LawInput
-from holdfast.dynamics.consistency import position_gap
+from holdfast.dynamics.grasp_gap import position_gap
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain

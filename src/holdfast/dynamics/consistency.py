@@ -15,7 +15,9 @@ import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, link_twists, tip_twist
 from holdfast.dynamics.closed.chain_motion import ChainMotion
-from holdfast.dynamics.closed.contact import Contact, contact
+from holdfast.dynamics.closed.contact import contact
+from holdfast.dynamics.grasp_gap import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual
+from holdfast.dynamics.tree.mechanism_projection import mechanism_residuals
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -23,17 +25,14 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.grasp_kinds import GraspKind
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.questions.arrays import STATE, Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
 from holdfast.questions.question import Question, ResultPart, Show, arm_parts, of_arms
-from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, concatenate, each_of
-from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
-POSITION_TOLERANCE = 1e-6  # m and rad
-VELOCITY_TOLERANCE = 1e-6  # relative to max(1, |qd|)
 RATE_TOLERANCE = 1e-8  # rad/s, relative to max(1, |W|)
 
 
@@ -47,42 +46,6 @@ class GraspResidual(NamedTuple):
 
     position: Array
     velocity: Array
-
-
-def tip_from_contact(c: Contact, contact_point: Array, tip: Pose) -> Pose:
-    """Return the pose of the tip frame in the contact frame, which is the identity for a closed rigid grasp.
-
-    If the grasp has a motion subspace of the user's own, the position is along the tip's axes, because the tip
-    carries that subspace.
-
-    Args:
-        c: the grasp in motion.
-        contact_point: (3,) contact point on the object in the world, world axes [m].
-        tip: pose of the arm's tip frame in the world.
-    """
-    axes = c.R if c.grasp.of_kind.given is None else c.frame
-    return Pose.unchecked(axes.T @ tip.R, (tip.p - contact_point) @ c.R)
-
-
-def position_gap(c: Contact, contact_point: Array, tip: Pose) -> Array:
-    """Return the displacement [rotation vector; translation] that would close the grasp, (6,) world axes [rad, m].
-
-    The rotation takes the tip frame to the contact frame for a rigid grasp. It is the smallest one between the
-    x axes for a hinge, and zero for grasps that leave the attitude free.
-
-    Args:
-        c: the grasp in motion.
-        contact_point: (3,) contact point on the object in the world, world axes [m].
-        tip: pose of the arm's tip frame in the world.
-    """
-    seen = tip_from_contact(c, contact_point, tip)
-    return rotate(c.R, c.grasp.of_kind.gap(seen.R, seen.p))
-
-
-def position_residual(c: Contact, contact_point: Array, tip: Pose) -> Array:
-    """Return the residuals of one grasp's position rows along contact axes: angles [rad], then lengths [m]."""
-    kind, seen = c.grasp.of_kind, tip_from_contact(c, contact_point, tip)
-    return kind.along(kind.gap(seen.R, seen.p))[list(kind.position_rows)]
 
 
 def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:
@@ -105,6 +68,8 @@ def largest_position(motion: ChainMotion, state: State) -> float:
 def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> dict[str, GraspResidual]:
     """Return the constraint residuals of every grasp, by arm name. O(n) + O(l).
 
+    Those of a chain with branches, loops, couplings or several objects are by the keys of its grasps and loops.
+
     Args:
         chain: the chain.
         state: any state; it need not satisfy the grasps.
@@ -116,8 +81,11 @@ def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> d
     Raises:
         StateError: a state or inputs of the wrong shape for the chain.
     """
-    require_fit(chain, state)
-    found = residuals_at(chain, state, shaped_inputs(chain, inputs))
+    if answered_as_forest(chain):
+        found = {key: GraspResidual(*gap) for key, gap in mechanism_residuals(chain, state, inputs).items()}
+    else:
+        require_fit(chain, state)
+        found = residuals_at(chain, state, shaped_inputs(chain, inputs))
     for gap in found.values():
         checks.finite(np.append(gap.position, gap.velocity), "closure")
     return found

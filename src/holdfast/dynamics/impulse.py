@@ -18,12 +18,13 @@ from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
 from holdfast.dynamics.closed.chain_solution import base_wrench
 from holdfast.dynamics.closed.held_rows import holding
-from holdfast.dynamics.consistency import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual, require_closed
+from holdfast.dynamics.consistency import require_closed
+from holdfast.dynamics.grasp_gap import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual
 from holdfast.dynamics.projection import constraint_impulses, quickened
 from holdfast.dynamics.rank import rank_and_held_near
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.smallest_forces import with_smallest_forces
-from holdfast.dynamics.tree.mechanism_impulse import grasp_ends, mechanism_attach
+from holdfast.dynamics.tree.mechanism_impulse import MechanismAttachment, grasp_ends, mechanism_attach
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError
 from holdfast.model import checks
@@ -99,12 +100,8 @@ def attach(
             grasps with the given motion of the bases.
     """
     if answered_as_forest(chain) or not isinstance(name, str):
-        checks.instance(chain, ClosedChain, "chain")
-        closed = chain.with_grasp(name, grasp)
-        if here:
-            closed = chain.with_grasp(name, grasp_here(grasp, *grasp_ends(closed, state, name), str(name)))
-        limit = checks.number(tolerance, "tolerance", at_least=0.0)
-        return mechanism_attach(chain, closed, state, name, limit, inputs)  # pyright: ignore[reportReturnType]
+        found = forest_attach(chain, state, name, grasp, here=here, inputs=inputs, tolerance=tolerance)
+        return found  # pyright: ignore[reportReturnType]
     require_fit(chain, state)
     given = shaped_inputs(chain, inputs)
     closed = chain.with_grasp(name, grasp)
@@ -118,6 +115,25 @@ def attach(
     stopped = _stopped(motion, state, given)
     _require_velocities(stopped, given)
     return stopped
+
+
+def forest_attach(
+    chain: ClosedChain,
+    state: State,
+    name: str | tuple[str, str],
+    grasp: Grasp,
+    *,
+    here: bool = False,
+    inputs: Inputs | None = None,
+    tolerance: float = POSITION_TOLERANCE,
+) -> MechanismAttachment:
+    """Return the result of `attach` by the forest of any chain."""
+    checks.instance(chain, ClosedChain, "chain")
+    closed = chain.with_grasp(name, grasp)
+    if here:
+        closed = chain.with_grasp(name, grasp_here(grasp, *grasp_ends(closed, state, name), str(name)))
+    limit = checks.number(tolerance, "tolerance", at_least=0.0)
+    return mechanism_attach(chain, closed, state, name, limit, inputs)
 
 
 def release(chain: ClosedChain, name: str | tuple[str, str]) -> ClosedChain:

@@ -17,8 +17,10 @@ from holdfast.dynamics.projection import (
     project_velocities,
 )
 from holdfast.dynamics.rank import constraint_pivots, may_mislead, rank_and_held_near
+from holdfast.dynamics.tree.mechanism_projection import mechanism_project
 from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -37,12 +39,18 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
         state: a state that nearly satisfies the constraint, such as the end of an integrator's step.
         inputs: inputs of the chain, of which only the base motion matters.
 
+    Returns:
+        The state and the motion; for a chain with branches, loops, couplings or several objects that of its forest.
+
     Raises:
         ClosureError: the state is too far off, or the iteration does not converge.
+        MethodNotApplicable: a base of a chain that is answered as a forest moves as prescribed.
 
     Reference:
         `docs/theory/simulation.md`.
     """
+    if answered_as_forest(chain):
+        return mechanism_project(chain, state, inputs)  # pyright: ignore[reportReturnType]
     require_fit(chain, state)
     given = shaped_inputs(chain, inputs)
     tau = np.zeros(chain.joint_count)

@@ -20,7 +20,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, ch
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
-from holdfast.dynamics.consistency import tip_from_contact
+from holdfast.dynamics.grasp_gap import tip_from_contact
 from holdfast.dynamics.tree.of_chain import chain_elimination
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import ARRAYS, FLOATING, OBJECT, STATE, Row, state_fields

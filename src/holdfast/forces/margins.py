@@ -23,15 +23,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.tree.mechanism_terms import flat_state
 from holdfast.errors import StateError
+from holdfast.forces.row_wrenches import contact_wrenches
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.grasp_kinds import GRASP_KINDS
+from holdfast.model.grasp_rows import GraspRow, grasp_rows
 from holdfast.model.serial_chain import answered_as_forest
 from holdfast.model.wrench_condition import Condition, largest_force_and_moment
-from holdfast.questions.arrays import CONTACTS, LIMITS, RAD, RATE, TORQUE, Row, value_of
+from holdfast.questions.arrays import CONTACTS, LIMITS, RAD, RATE, TORQUE, Row, contact_of, value_of
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
 from holdfast.questions.question import Question, ResultPart, by_joints
@@ -85,12 +86,14 @@ def joint_limits(chain: ClosedChain) -> JointLimits:
 def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> Array:
     """Return the margin of every grasp, in the order of `chain.grasps`, (grasps,) [N]. O(l).
 
+    Those of a chain with branches, loops, couplings or several objects are followed by the margins of its loops.
+
     Args:
         chain: the chain.
         state: state with the object's pose; nothing else is used.
         grasp_wrench: (arms, 6) wrench of each arm on the object about the contact point, world axes, as in
-            `ForwardResult`. Of a chain that is answered as a forest, those of grasps and loops, as in
-            `MechanismResult`, whose margins are returned, (grasps and loops,); joint positions are used, too.
+            `ForwardResult`; of a chain with branches, (grasps and loops, 6), as in `MechanismResult`, whose margins are
+            returned, (grasps and loops,); joint positions are used, too.
 
     The derivative of each margin is that of the condition with the least margin, or of one of them if several are
     equal; that of a norm |B f| is 0 where the norm is 0, and that of an infinite margin is 0.
@@ -99,23 +102,15 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
         StateError: a shape is wrong.
     """
     if answered_as_forest(chain):
-        return _margins_of_closures(chain, state, grasp_wrench)
+        rows = dict(enumerate(grasp_rows(chain)))
+        require_state(chain, state)
+        f = checks.numbers(grasp_wrench, (len(rows), 6), "grasp_wrench", StateError)
+        with np.errstate(all="ignore"):
+            return np.array([margin_of_row(rows[i], x) for i, x in contact_wrenches(chain, state, f, rows).items()])
     require_fit(chain, state)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     with np.errstate(all="ignore"):  # squares of huge forces
         return limited_margins(chain, value_of(CONTACTS, chain), state.object_frame.R, f)
-
-
-def _margins_of_closures(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> Array:
-    """Return the margins of the grasps and loops of a chain that is answered as a forest, (closures,)."""
-    require_state(chain, state)
-    forest = chain.as_forest.forest
-    f = checks.numbers(grasp_wrench, (len(forest.closures), 6), "grasp_wrench", StateError)
-    poses = forest.poses(flat_state(chain, state)[0])
-    pairs = zip(forest.closures, f, strict=True)
-    with np.errstate(all="ignore"):
-        found = [least_margin(conditions(c.grasp), unrotate(poses[c.b].R @ c.grasp.frame.R, x)) for c, x in pairs]
-    return np.array(found, dtype=float)
 
 
 def limited_margins(chain: ClosedChain, contacts: Array, R: Array, f: Array) -> Array:
@@ -165,6 +160,13 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
     return minimum(strength, where(one_sided > 0.5, pressed, math.inf))
 
 
+def margin_of_row(row: GraspRow, wrench: Array) -> float:
+    """Return the margin of a grasp or loop for its wrench (6,) in contact axes [N]; infinite without a limit."""
+    assert row.grasp is not None
+    contact = contact_of(row.grasp)
+    return float(contact_margin(row.grasp.kind, contact, wrench)) if limited(contact) else math.inf
+
+
 def limited(contact: Array) -> Scalar:
     """Return whether a grasp is one-sided or has wrench limits; `contact` as in `questions.arrays.contact_of`."""
     one_sided, moment, force = contact[0], contact[4], contact[5]
@@ -203,9 +205,22 @@ def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMarg
     Raises:
         StateError: a shape is wrong.
     """
-    require_fit(chain, state)
+    checks.instance(chain, ClosedChain, "chain")
+    require_state(chain, state)
     efforts = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
-    return margins_of_joints(joint_limits(chain), state.q, state.qd, efforts)
+    return margins_of_joints(joint_limits(chain), joint_coordinates(chain, state.q), state.qd, efforts)
+
+
+def joint_coordinates(chain: ClosedChain, q: Array) -> Array:
+    """Return the positions of joints in the order of qd, (n,); 0 for a spherical joint, which has no limits."""
+    if chain.position_count == chain.joint_count:
+        return q
+    found, p, v = np.zeros(chain.joint_count), 0, 0
+    for joint in chain.all_joints:
+        if not joint.type.quaternion:
+            found[v] = q[p]
+        p, v = p + joint.type.position_count, v + joint.type.freedoms
+    return found
 
 
 def margins_of_joints(limits: JointLimits, q: Array, qd: Array, tau: Array) -> JointMargins:

@@ -106,10 +106,13 @@ class Recording(Frozen):
 
         Raises:
             StateError: it is not a run, or grasps close or open in it.
+            MethodNotApplicable: it is of a chain that is answered as a forest.
         """
         if isinstance(run, Result):
             run = run.trajectory
         checks.instance(run, Trajectory, "recording: run", StateError)
+        if run.setting is not None:
+            serial_chain(run.setting.chain, "recording: run: chain")
         if (run.holding != run.holding[0]).any():
             k = int(np.flatnonzero((run.holding != run.holding[0]).any(axis=1))[0])
             raise StateError(

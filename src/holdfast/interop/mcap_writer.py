@@ -14,6 +14,7 @@ from holdfast.io.files import file_path, write_atomically
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.serial_chain import serial_chain
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation
@@ -82,6 +83,7 @@ def write_mcap(
         from mcap_ros2.writer import Writer
     except ImportError as cause:
         raise MissingExtra("MCAP files need mcap-ros2-support; try pip install 'holdfast[ros]'") from cause
+    serial_chain(chain, "chain")
     require_run_of(chain, run)
     place, environment = file_path(path, "path"), Environment(chain, base_motion or {})
 

@@ -66,7 +66,7 @@ def array_columns(array: str, shape: Shape, meta: ResultMeta) -> list[TableColum
 def _along(axis: int | str, row: Row, meta: ResultMeta) -> list[TableColumn]:
     """Return name and unit of every place along an axis of an array; the unit is empty if the axis does not decide."""
     if axis == "arms":
-        return [TableColumn(name, "") for name in meta.arms]
+        return [TableColumn(name, "") for name in meta.rows or meta.arms]
     if axis != "n":
         return [TableColumn(*entry) for entry in row.entries]
     turning, sliding = row.unit.split(" or ")
@@ -93,7 +93,8 @@ Cell = str | float | None
 def occurrence_columns(meta: ResultMeta) -> list[TableColumn]:
     """Return the columns of `occurrence_row`: numbers, texts, impulses of every arm and base, of a trunk's base."""
     parts = RUN_ARRAYS["base_impulse"].entries
-    fields = [f"{field} {arm}" for field, arm in product(IMPULSES, meta.arms)] + [TRUNK_IMPULSE] * meta.trunk
+    named = {"impulses": meta.rows or meta.arms, "base_impulses": [] if meta.rows else meta.arms}
+    fields = [f"{field} {name}" for field in IMPULSES for name in named[field]] + [TRUNK_IMPULSE] * meta.trunk
     impulses = [TableColumn(f"{field} {part}", unit) for field, (part, unit) in product(fields, parts)]
     numbers = [TableColumn(*pair) for pair in (AMOUNTS | dict.fromkeys(TEXTS, NO_UNIT)).items()]
     return [*numbers, *impulses]
@@ -102,6 +103,8 @@ def occurrence_columns(meta: ResultMeta) -> list[TableColumn]:
 def occurrence_row(one: Occurrence, meta: ResultMeta) -> list[Cell]:
     """Return an occurrence as a row, with None for entries that it does not have."""
     row: list[Cell] = [getattr(one, name) for name in (*AMOUNTS, *TEXTS)]
-    for field, width in {**dict.fromkeys(IMPULSES, 6 * len(meta.arms)), TRUNK_IMPULSE: 6 * meta.trunk}.items():
+    of_bases = 0 if meta.rows else 6 * len(meta.arms)
+    widths = {"impulses": 6 * len(meta.rows or meta.arms), "base_impulses": of_bases, TRUNK_IMPULSE: 6 * meta.trunk}
+    for field, width in widths.items():
         row += np.ravel(getattr(one, field)).tolist() or [None] * width
     return row

@@ -18,6 +18,8 @@ import numpy as np
 from holdfast.errors import HoldfastError, ResultError
 from holdfast.model.arm import Anchor, Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closure import Closure
+from holdfast.model.coupling import Coupling
 from holdfast.model.fingerprint import is_default
 from holdfast.model.force_element import SpringEnd
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
@@ -32,12 +34,13 @@ from holdfast.spatial.pose import Pose
 MODEL_CLASSES = {
     kind.__name__: kind
     for kind in (
-        Anchor, Arm, Box, Capsule, ClosedChain, Cylinder, Friction, Grasp, HeldObject, Joint, Link, Visuals, Mesh, Pose,
-        Sphere, Spring, SpringEnd, Trunk, Visual, WrenchLimits,
+        Anchor, Arm, Box, Capsule, ClosedChain, Closure, Coupling, Cylinder, Friction, Grasp, HeldObject, Joint, Link,
+        Visuals, Mesh, Pose, Sphere, Spring, SpringEnd, Trunk, Visual, WrenchLimits,
     )
 }  # fmt: skip
 IS = "is"  # the key under which data say what they are
 MAPPING = "mapping"
+PAIRS = "pairs"  # a mapping with keys such as (arm, frame)
 INFINITIES = {"inf": math.inf, "-inf": -math.inf}  # JSON has no infinities
 
 
@@ -50,6 +53,8 @@ def model_data(value: Any) -> Any:
         own = [(f, getattr(value, f.name)) for f in fields(value) if f.init]
         parts = {f.name: x for f, x in own if not (f.metadata.get("omitted") and is_default(x, f.default))}
         return {IS: type(value).__name__, **{name: model_data(part) for name, part in parts.items()}}
+    if isinstance(value, Mapping) and any(isinstance(key, tuple) for key in value):
+        return {IS: PAIRS, "of": [[model_data(key), model_data(part)] for key, part in value.items()]}
     if isinstance(value, Mapping):
         return {IS: MAPPING, "of": {name: model_data(part) for name, part in value.items()}}
     if isinstance(value, list | tuple):
@@ -95,6 +100,9 @@ def _made(data: Any) -> Any:
     kind, parts = data.get(IS), {name: part for name, part in data.items() if name != IS}
     if kind == MAPPING:
         return {name: _made(part) for name, part in parts.get("of", {}).items()}
+    if kind == PAIRS:
+        pairs = [(tuple(key) if isinstance(key, list) else key, part) for key, part in parts.get("of", [])]
+        return {key: _made(part) for key, part in pairs}
     if kind in INFINITIES:
         return INFINITIES[kind]
     if kind not in MODEL_CLASSES:

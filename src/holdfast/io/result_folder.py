@@ -31,6 +31,7 @@ from holdfast.io.result_meta import RESULT, ResultMeta
 from holdfast.io.store import CHANGED, StoreWriter, advising, arrays_text, json_text, read_arrays, require_free, sha256
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
+from holdfast.model.grasp_rows import grasp_rows, row_name
 from holdfast.robots.urdf.source import UrdfSource
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.checkpoint import Checkpoint
@@ -320,7 +321,8 @@ def run_meta(
         versions=packages | {"python": platform.python_version(), "processor": platform.machine()},
         arms=list(chain.names),
         trunk=chain.trunk is not None,
-        grasps={name: grasp.kind for name, grasp in chain.grasps.items()},
+        grasps={row_name(key): grasp.kind for key, grasp in chain.grasps.items()},
+        rows=[row.name for row in grasp_rows(chain, options.get("attached", ()))] if chain.beyond_serial else [],
         joints=chain.joint_names(),
         joint_kinds=[joint.kind for joint in chain.all_joints],
         work_terms=list(WORK_TERMS),

@@ -23,7 +23,7 @@ from holdfast.io.store import (
 )
 from holdfast.robots.urdf.source import UrdfSource
 from holdfast.simulation.events import Occurrence
-from holdfast.simulation.trajectory import TRUNK_FIELDS, Trajectory, array_names, joined
+from holdfast.simulation.trajectory import EMPTY_FIELDS, Trajectory, array_names, joined
 
 META, SCENE, SUMMARY = "meta.json", "scene.toml", "summary.json"
 MODEL, BASES, PLANNED = "model.json", "bases.npz", "bases_planned.npz"  # of a run made in Python
@@ -79,7 +79,8 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
         versions: versions of the libraries that affect results.
         arms: names of the arms, in the order of the arrays.
         trunk: whether the chain has a trunk.
-        grasps: kind of grasp at the start, by arm.
+        grasps: kind of grasp at the start, by arm, or by "arm/frame".
+        rows: names of the rows of wrenches and margins, if these are not the arms.
         joints, joint_kinds: `arm/joint` and revolute or prismatic, in the arrays' order.
         work_terms: the columns of `work`.
         units: shape, meaning and unit of each array, as documentation.
@@ -119,6 +120,7 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
     stopped: str | None = None
     occurrences: list[Occurrence] = msgspec.field(default_factory=list)
     trunk: bool = False
+    rows: list[str] = msgspec.field(default_factory=list)
 
     @property
     def ended(self) -> bool:
@@ -207,7 +209,7 @@ def read_chunk(folder: Path, k: int, meta: ResultMeta) -> Trajectory:
     count = meta.chunks[k]
     arrays, log = read_arrays(folder, chunk_name(k), meta.files, "occurrences")
     names = meta.options.get("record", array_names())
-    if lacking := [name for name in names if name not in (*arrays, *TRUNK_FIELDS)]:
+    if lacking := [name for name in names if name not in (*arrays, *EMPTY_FIELDS)]:
         raise Damage(f"{chunk_name(k)} lacks {', '.join(lacking)}")
     for name, array in arrays.items():
         if array.shape[:1] < (count,):

@@ -28,7 +28,7 @@ from holdfast.io.store import CHANGED, Damage, advising, read_arrays, stored, ti
 from holdfast.model.fingerprint import fingerprint
 from holdfast.simulation.run_outputs import RunOutputs
 from holdfast.simulation.setting import RecordedBase, Setting
-from holdfast.simulation.trajectory import TRUNK_FIELDS, Trajectory, array_names, joined
+from holdfast.simulation.trajectory import EMPTY_FIELDS, Trajectory, array_names, joined
 from holdfast.spatial.scalar import Array
 
 
@@ -127,7 +127,7 @@ def load_result(folder: str | PathLike[str]) -> Result:
     if not meta.samples:
         raise ResultError(f"{folder}: no samples yet: the run ended before its first flush, or has just begun")
     ours = array_names()
-    if missing := [name for name in ours if name not in (*meta.units, *TRUNK_FIELDS)]:
+    if missing := [name for name in ours if name not in (*meta.units, *EMPTY_FIELDS)]:
         raise ResultError(
             f"{folder}: written by holdfast {meta.versions.get('holdfast')}, which had no {', '.join(missing)};"
             " try that version, or numpy.load on the chunks"

@@ -117,7 +117,8 @@ class AppendedRun:
 
 def _summary(chain: ClosedChain, parts: Iterable[Trajectory], run: Trajectory) -> Summary | None:
     """Return the summary of a run, or None if some of the arrays for it were not recorded."""
-    return summary_of_parts(chain, parts, run.stopped, run.occurrences) if run.has_every_array else None
+    attached = () if run.setting is None else run.setting.options.get("attached", ())
+    return summary_of_parts(chain, parts, run.stopped, run.occurrences, attached) if run.has_every_array else None
 
 
 def _bases(name: str, setting: Setting, times: Array) -> dict[str, bytes]:

@@ -205,8 +205,8 @@ class ClosedChain(Frozen):
         head = "".join(f"<th>{title}</th>" for title in titles)
         body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self._table())
         table = f"<table><tr>{head}</tr>{body}</table>"
-        diagram = "" if self.beyond_serial else outer.chain_diagram(self)
-        return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:start">{table}{diagram}</div>'
+        drawn = outer.chain_diagram(self)
+        return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:start">{table}{drawn}</div>'
 
     def _table(self) -> list[tuple[str, str, str, str]]:
         """Return the name, joints, base and grasp of trunk, arms and object."""
@@ -335,9 +335,14 @@ class ClosedChain(Frozen):
         return [joint for joints in self.joints_of.values() for joint in joints]
 
     @frozen_property
+    def freedoms(self) -> Sequence[Joint]:
+        """The joint of every entry of qd and tau: each joint once, and a spherical one three times."""
+        return [joint for joint in self.all_joints for _ in range(joint.type.freedoms)]
+
+    @frozen_property
     def position_limits(self) -> Array:
-        """(n, 2) lowest and highest joint positions in the order of q [rad or m]."""
-        return np.array([joint.position_limits for joint in self.all_joints]).reshape(-1, 2)
+        """(n, 2) lowest and highest joint positions in the order of qd [rad or m]; a spherical joint has none."""
+        return np.array([joint.position_limits for joint in self.freedoms]).reshape(-1, 2)
 
     def with_bases(self, bases: Mapping[str, object]) -> ClosedChain:
         """Return the chain with the bases of the named arms at other poses (Pose or wxyz_xyz)."""

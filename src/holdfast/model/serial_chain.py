@@ -10,8 +10,8 @@ from holdfast.model.closed_chain import ClosedChain
 
 # what such chains can be asked
 ANSWERED = (
-    "close, forward_dynamics, its derivatives, inverse_dynamics, holding_torques, ObjectTracking, distribute, diagnose,"
-    " energies, attach, linearise, simulate, compile"
+    "close, project, forward_dynamics, its derivatives, inverse_dynamics, holding_torques, ObjectTracking, distribute,"
+    " diagnose, margins, energies, attach, linearise, simulate with pictures and folders, compile"
 )
 
 

@@ -110,6 +110,7 @@ def sizes(chain: ClosedChain) -> dict[str, int]:
         "links": sum(arm.joint_count for arm in chain.arms.values()),
         "bodies": 0 if chain.trunk is None else len(chain.trunk.bodies),
         "freedoms": chain.contact_freedom_count,
+        "couplings": len(chain.all_couplings),
     }
 
 
@@ -214,7 +215,7 @@ _ROWS = (
         lambda chain: _each("inertia", _bodies(chain)), "trunk"),
     _of_model("joint_limits", (4, "n"), "", "lowest and highest positions, rate limits and effort limits of the"
         " joints; infinite for none", lambda chain: np.transpose(
-            [(*joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in chain.all_joints])),
+            [(*joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in chain.freedoms])),
     _of_model("contact", ("grasps", 7), "", "one-sided or not, friction, two sizes of the contact, largest moment"
         " and force, lever", lambda chain: [contact_of(grasp) for grasp in chain.grasps.values()]),
     Row("acceleration", ACCELERATION, "rad/s^2, m/s^2", "wanted [omega_dot; v_dot of C], world axes", "input"),

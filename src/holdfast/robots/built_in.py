@@ -24,7 +24,8 @@ HOME: Mapping[str, Array] = FrozenDict({robot.name: robot.home for robot in BUIL
 def builtin_of(arm: Arm) -> LinkTable | None:
     """Return the built-in robot with the same joints (kinds, axes, placements), or None.
 
-    Names, masses, tools and the base pose do not matter, so arms from files are recognised, too.
+    Names, masses, tools and the base pose do not matter, so arms from files are recognised, too. So are arms with
+    branches on the last of these links, such as fingers.
     """
     return next((robot for robot in BUILT_IN if _same_joints(arm, robot)), None)
 
@@ -32,14 +33,19 @@ def builtin_of(arm: Arm) -> LinkTable | None:
 def home_of(arm: Arm) -> Array | None:
     """Return the home configuration (N,) of the built-in robot with the arm's joints [rad], or None."""
     robot = builtin_of(arm)
-    return None if robot is None else robot.home
+    return None if robot is None or arm.parents else robot.home
 
 
 def _same_joints(arm: Arm, robot: LinkTable) -> bool:
-    return arm.joint_count == len(robot.rows) and all(
+    count = len(robot.rows)
+    if arm.joint_count < count or any(on is None or on < count - 1 for on in arm.parent_of[count:]):
+        return False
+    if arm.joint_count > count and not arm.parents:
+        return False
+    return arm.parent_of[:count] == (None, *range(count - 1)) and all(
         joint.motion_subspace[1] is None
         and np.allclose(joint.axis, [0.0, 0.0, 1.0], rtol=0, atol=SAME_JOINT)
         and np.allclose(joint.placement.R, signed_axes(row.axes), rtol=0, atol=SAME_JOINT)
         and np.allclose(joint.placement.p, row.origin, rtol=0, atol=SAME_JOINT)
-        for joint, row in zip(arm.joints, robot.rows, strict=True)
+        for joint, row in zip(arm.joints, robot.rows, strict=False)
     )

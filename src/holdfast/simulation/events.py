@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,8 +11,10 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.model.grasp_rows import row_name
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 OccurrenceKind = Literal["attach", "release", "violation", "recovery", "singular", "stiff", "unresolved"]
@@ -35,7 +37,7 @@ class Occurrence:
         lowest: for a recovery, the lowest margin since the violation [N; rad or m; rad/s or m/s; N m or N].
         lowest_time: time of that lowest margin [s].
         impulses: for an attach, (arms, 6) [moment; force] impulse of each arm on the object about its contact
-            point, world axes [N m s, N s].
+            point, world axes [N m s, N s]; of a chain with branches, the impulses by the rows of the run.
         base_impulses: for an attach, (arms, 6) impulse of the base on each arm about the base origin, world axes.
         trunk_base_impulse: for an attach, (6,) impulse of the base on a trunk about the base origin; empty without a
             trunk.
@@ -76,14 +78,14 @@ class Attach(Frozen):
 
     Attributes:
         t: time of the event [s].
-        arm: name of the arm, which must not hold the object at that time.
+        arm: name of the arm, which must not hold the object at that time, or (arm, frame) of a chain with branches.
         grasp: the grasp to close.
         here: place the grasp at the current pose of the tip (`dynamics.impulse.grasp_here`); otherwise the tip must be
             at the grasp already.
     """
 
     t: float
-    arm: str
+    arm: str | tuple[str, str]
     grasp: Grasp
     here: bool = False
 
@@ -95,11 +97,11 @@ class Release(Frozen):
 
     Attributes:
         t: time of the event [s].
-        arm: name of the arm.
+        arm: name of the arm, or (arm, frame).
     """
 
     t: float
-    arm: str
+    arm: str | tuple[str, str]
 
 
 Event = Attach | Release
@@ -119,42 +121,57 @@ def in_order(events: Sequence[Event], chain: ClosedChain, duration: float) -> li
         if not isinstance(event, Attach | Release):
             raise ModelError(f"events: expected Attach and Release, got {type(event).__name__}")
         what = type(event).__name__.lower()
-        checks.instance(event.arm, str, f"{what}: arm")
-        checks.number(event.t, f"{what} of '{event.arm}': t")
+        _require_key(event.arm, chain, f"{what}: arm")
+        name = row_name(event.arm)
+        checks.number(event.t, f"{what} of '{name}': t")
         if isinstance(event, Attach):
-            checks.instance(event.grasp, Grasp, f"{what} of '{event.arm}': grasp")
-            checks.flag(event.here, f"{what} of '{event.arm}': here")
+            checks.instance(event.grasp, Grasp, f"{what} of '{name}': grasp")
+            checks.flag(event.here, f"{what} of '{name}': here")
     ordered = sorted(events, key=lambda event: event.t)
     for event in ordered:
         holding = holding_after(event, holding, chain, duration)
     return ordered
 
 
-def holding_after(event: Event, holding: frozenset[str], chain: ClosedChain, duration: float) -> frozenset[str]:
-    """Return the names of the arms that hold the object after an event.
+def _require_key(key: Any, chain: ClosedChain, what: str) -> None:
+    """Refuse what is not the name of an arm, or (arm, frame) of a chain that is answered as a forest."""
+    if not (chain.beyond_serial and isinstance(key, tuple) and len(key) == 2):
+        checks.instance(key, str, what)
+        return
+    for one in key:
+        checks.instance(one, str, what)
+    if key[0] in chain.arms:
+        chain.arms[key[0]].frame(key[1], what)
+
+
+def holding_after(event: Event, holding: frozenset[Any], chain: ClosedChain, duration: float) -> frozenset[Any]:
+    """Return the arms, or (arm, frame), that hold an object after an event.
 
     Args:
         event: the event.
-        holding: names of the arms that hold the object before the event.
+        holding: the arms, or (arm, frame), that hold an object before the event.
         chain: the chain.
         duration: duration of the run [s].
 
     Raises:
         ModelError: as for `in_order`.
     """
-    what = f"{type(event).__name__.lower()} of '{event.arm}' at t = {event.t} s"
+    what = f"{type(event).__name__.lower()} of '{row_name(event.arm)}' at t = {event.t} s"
+    arm = event.arm if isinstance(event.arm, str) else event.arm[0]
     t = checks.number(event.t, f"{what}: t", above=0.0)
     if t > duration:
         raise ModelError(f"{what}: expected a time within the run of {duration:g} s")
-    if event.arm not in chain.arms:
-        raise ModelError(f"{what}: no such arm.{checks.did_you_mean(event.arm, chain.arms)}")
+    if arm not in chain.arms:
+        raise ModelError(f"{what}: no such arm.{checks.did_you_mean(arm, chain.arms)}")
     if isinstance(event, Attach) == (event.arm in holding):
         state = "has a grasp already; try a release before it" if event.arm in holding else "has no grasp then"
         raise ModelError(f"{what}: the arm {state}")
     return holding ^ {event.arm}
 
 
-def happen(event: Event, chain: ClosedChain, state: State, inputs: Inputs) -> tuple[ClosedChain, State, Occurrence]:
+def happen(
+    event: Event, chain: ClosedChain, state: State, inputs: Inputs, grip: Callable[..., Any] = attach
+) -> tuple[ClosedChain, State, Occurrence]:
     """Return the chain and the state just after an event, and the entry for the log.
 
     Releasing a grasp that has opened before (because it slipped) changes nothing; the log entry says so.
@@ -164,20 +181,27 @@ def happen(event: Event, chain: ClosedChain, state: State, inputs: Inputs) -> tu
         chain: the chain, with its bases at their poses at that time.
         state: the state just before the event.
         inputs: base motion at that time.
+        grip: the function by which a grasp closes, `attach` or `forest_attach`.
 
     Raises:
         ClosureError: the tip of an attached arm is not at the grasp; the message gives the gap.
         ModelError: the attached arm already has a grasp.
     """
+    name = row_name(event.arm)
     if isinstance(event, Attach):
-        made = attach(chain, state, event.arm, event.grasp, here=event.here, inputs=inputs)
-        text = f"'{event.arm}' grips ({event.grasp.kind}); kinetic energy changes by {made.energy_change:.3g} J"
-        impulses, base_impulses = (tuple(map(tuple, x.tolist())) for x in (made.impulses, made.base_impulses))
-        below = () if made.trunk_base_impulse is None else tuple(made.trunk_base_impulse.tolist())
-        exerted: Any = {"impulses": impulses, "base_impulses": base_impulses, "trunk_base_impulse": below}
-        grips = Occurrence(event.t, "attach", event.arm, text, **exerted, energy_change=made.energy_change)
+        made = grip(chain, state, event.arm, event.grasp, here=event.here, inputs=inputs)
+        text = f"'{name}' grips ({event.grasp.kind}); kinetic energy changes by {made.energy_change:.3g} J"
+        impulses, base_impulses = (_rows(getattr(made, part, None)) for part in ("impulses", "base_impulses"))
+        below = getattr(made, "trunk_base_impulse", None)
+        exerted: Any = {"impulses": impulses, "base_impulses": base_impulses}
+        exerted |= {"trunk_base_impulse": () if below is None else tuple(below.tolist())}
+        grips = Occurrence(event.t, "attach", name, text, **exerted, energy_change=made.energy_change)
         return made.chain, made.state, grips
     if event.arm not in chain.grasps:
-        return chain, state, Occurrence(event.t, "release", event.arm, f"'{event.arm}' had let go before")
-    lets_go = Occurrence(event.t, "release", event.arm, f"'{event.arm}' lets go")
-    return chain.without_grasp(event.arm), state, lets_go
+        return chain, state, Occurrence(event.t, "release", name, f"'{name}' had let go before")
+    return chain.without_grasp(event.arm), state, Occurrence(event.t, "release", name, f"'{name}' lets go")
+
+
+def _rows(x: Array | None) -> tuple[tuple[float, ...], ...]:
+    """Return the rows of an array as plain data; none without an array."""
+    return () if x is None else tuple(map(tuple, x.tolist()))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 
@@ -107,7 +107,7 @@ class Signals:
         """Whether a grasp has a limit."""
         return any(conditions(grasp) for grasp in self.chain.grasps.values())
 
-    def description(self, at: Instant, signal: int) -> str:
+    def description(self, at: Any, signal: int) -> str:
         """Return a sentence on what happens when the margin reaches zero."""
         name, quantity = self.names[signal], self.quantities[signal]
         if quantity != "grasp":
@@ -115,6 +115,12 @@ class Signals:
         grasp = self.chain.grasps[name]
         wrench = unrotate(at.state.object_frame.R @ grasp.frame.R, at.result.grasp_wrench[signal])
         return f"grasp '{name}' {giving_way(grasp, wrench)}"
+
+
+def freedom_names(chain: ClosedChain) -> list[str]:
+    """Return 'arm/joint' names in the order of qd; that of a spherical joint occurs three times."""
+    pairs = zip(chain.joint_names(), chain.all_joints, strict=True)
+    return [name for name, joint in pairs for _ in range(joint.type.freedoms)]
 
 
 def by_arm(chain: ClosedChain, margins: Array) -> Array:
@@ -199,19 +205,19 @@ class ViolationTracker:
         """Whether a recorded violation goes on, (signals,)."""
         return np.isfinite(self.since)
 
-    def at(self, t: float, margins: Array, signals: Signals, now: Instant) -> tuple[Self, list[Occurrence]]:
+    def at(self, t: float, margins: Array, signals: Signals, now: Any) -> tuple[Self, list[Occurrence]]:
         """Return the tracker after an instant that begins a stretch, and the occurrences to report.
 
         Args:
             t: time [s].
             margins: (signals,) at that time.
             signals: signals of the chain at that time.
-            now: the instant.
+            now: the instant, as `Signals.description` takes it.
         """
         if not (margins < 0.0).any() and np.isinf(self.since).all():
             return replace(self, lowest=np.minimum(self.lowest, margins)), []
         here = np.array([t]), margins[None]
-        return self._followed([(i, *here) for i in signals.limited], signals, lambda _, i: signals.description(now, i))
+        return self.followed([(i, *here) for i in signals.limited], signals, lambda _, i: signals.description(now, i))
 
     def after(self, found: StepMargins, curves: MarginCurves, signals: Signals) -> tuple[Self, list[Occurrence]]:
         """Return the tracker after a step, and the occurrences in it with refined zeros."""
@@ -220,7 +226,7 @@ class ViolationTracker:
         entries = []
         for i in signals.limited:
             entries.append((i, *self._with_zeros(int(i), found, curves)))
-        return self._followed(entries, signals, lambda t, i: _description(curves, signals, t, i))
+        return self.followed(entries, signals, lambda t, i: _description(curves, signals, t, i))
 
     def without(self, signal: int) -> Self:
         """Return the tracker with the present violation of a signal removed, because its limit no longer exists."""
@@ -242,10 +248,10 @@ class ViolationTracker:
         inside = (evaluated >= times[0]) & (evaluated <= times[-1])
         return evaluated[inside], margins[inside]
 
-    def _followed(
+    def followed(
         self, entries: list[tuple[int, Array, Array]], signals: Signals, describe: Callable[[float, int], str]
     ) -> tuple[Self, list[Occurrence]]:
-        """Return the tracker after the given times and margins of some signals, and the occurrences."""
+        """Return the tracker after times (k,) and margins (k, signals) for some signals, and the occurrences."""
         lowest, since, depth, when = (getattr(self, f).copy() for f in ("lowest", "since", "depth", "depth_time"))
         happened = []
         for i, times, margins in entries:

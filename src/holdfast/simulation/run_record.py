@@ -77,6 +77,7 @@ def record_settings(record: str | Sequence[str], every: int, step: float, chain:
             alike = checks.did_you_mean(str(name), [EVERYTHING, STATES, *known])
             raise ModelError(f"simulation: record: no array {checks.short(name)}.{alike}")
     empty = TRUNK_FIELDS if chain.trunk is None else () if chain.trunk.floating else BASE_FIELDS
+    empty = (*empty, *(() if chain.all_couplings else ("coupling_force",)))
     found = {"t", *listed, *empty, *(lowest for lowest, others in LOWEST.items() if not {*listed}.isdisjoint(others))}
     return RecordSettings(tuple(name for name in known if name in found), int(every), step)
 
@@ -141,14 +142,15 @@ class Listeners(NamedTuple):
         progress: called with the time after every step.
         on_sample: called with every sample.
         on_checkpoint: called after that with the checkpoint.
-        on_samples: each called with the samples of one or more steps and the checkpoint after the last.
+        on_samples: each called with the samples of one or more steps and the checkpoint after the last, which is None
+            for a run of a forest.
         on_disk: returns an array of the samples that were given to `on_samples`, by name; None if they are not kept.
     """
 
     progress: Callable[[float], object]
     on_sample: Callable[[Trajectory], None] | None = None
     on_checkpoint: Callable[[Checkpoint], None] | None = None
-    on_samples: Sequence[Callable[[Trajectory, Checkpoint], None]] = ()
+    on_samples: Sequence[Callable[[Trajectory, Any], None]] = ()
     on_disk: Callable[[str], Array] | None = None
 
 

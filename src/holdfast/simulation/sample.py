@@ -121,7 +121,7 @@ def recorded(
     found = {} if account_shapes(chain, True).keys().isdisjoint(names) else accounting(samples.t, x)
     if "internal_wrench" not in found and not SPLIT_NAMES.isdisjoint(names):
         found = {**found, **_split(environment, samples)}
-    joint, joint_lowest, joint_when = _lowest_joints(samples.lowest[:, l:], samples.lowest_time[:, l:])
+    joint, joint_lowest, joint_when = lowest_joints(samples.lowest[:, l:], samples.lowest_time[:, l:])
     now, best, worst = samples.margins
     none = np.zeros((k, 0))
     arrays: dict[str, Any] = {name: x[name] for name in OF_RESULT} | found
@@ -150,6 +150,7 @@ def recorded(
         "condition": x["condition"],
         "base_pose": x.get("floating_pose", none),
         "base_twist": x.get("floating_twist", none),
+        "coupling_force": none,
     }
     return Trajectory(**{name: arrays[name] for name in names}, occurrences=occurrences)
 
@@ -160,7 +161,7 @@ def lowest_of(times: Array, margins: Array) -> tuple[Array, Array]:
     return np.take_along_axis(margins, k[..., None, :], axis=-2)[..., 0, :], np.take_along_axis(times, k, axis=-1)
 
 
-def _lowest_joints(lowest: Array, when: Array) -> tuple[Array, Array, Array]:
+def lowest_joints(lowest: Array, when: Array) -> tuple[Array, Array, Array]:
     """Return for each sample and quantity the joint with the lowest margin, that margin, and its time, (k, 3) each.
 
     Without joints the margins are infinite and the joint numbers have no meaning.

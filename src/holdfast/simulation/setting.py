@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,9 +11,10 @@ import numpy as np
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp_rows import GraspRow, grasp_rows
 from holdfast.names import called
 from holdfast.simulation.environment import BaseMotion, motion_of
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
@@ -85,3 +86,8 @@ class Setting(Frozen):
     step: float = 0.0
     options: Mapping[str, Any] = field(default_factory=dict)
     controller: Any = None
+
+    @frozen_property
+    def rows(self) -> Sequence[GraspRow]:
+        """What the rows of wrenches and margins of the run belong to; see `grasp_rows`."""
+        return tuple(grasp_rows(self.chain, self.options.get("attached", ())))

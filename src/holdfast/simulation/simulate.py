@@ -36,7 +36,8 @@ from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
-from holdfast.simulation.mechanism_run import mechanism_run, require_simulated
+from holdfast.simulation.mechanism_run import attached_later, mechanism_run, require_openable
+from holdfast.simulation.mechanism_sample import recordable
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
 from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
 from holdfast.simulation.run_record import EVERYTHING, Listeners, record_settings, require_memory
@@ -96,8 +97,8 @@ def simulate(
     states which violations are certain to be found. For a chain without such limits this costs nothing.
 
     A chain with branches, loops, couplings or several objects is simulated by "rk4" in fixed steps, after each of which
-    its forest is closed. Limits of its joints and grasps are not verified: it must be asked for `on_slip="record"` if
-    it has grasps with friction or limits, and then moves as if they held.
+    its forest is closed. The margins of its joints, grasps and loops are evaluated at the end of every step, by the
+    smallest forces if these are not unique; what is violated only within a step is not found.
 
     Args:
         chain: arms, object and grasps.
@@ -151,7 +152,7 @@ def simulate(
         overwrite: whether an earlier result in this folder is replaced.
 
     Returns:
-        A `Trajectory`; for a chain with branches, loops, couplings or several objects a `MechanismRun`.
+        A `Trajectory`.
 
     Raises:
         ModelError: the duration or step is not positive, there are too many steps, a policy, a scheme or an array is
@@ -161,25 +162,18 @@ def simulate(
             the parameters do not match those of its law.
         SingularChainError: the initial configuration is singular.
         ResultError: the folder is in use or cannot be written.
-        MethodNotApplicable: the chain is answered as a forest, and does not take one of the arguments.
+        MethodNotApplicable: the chain is answered as a forest, and does not take one of the arguments, or a loop would
+            have to be released.
     """
-    if answered_as_forest(chain):
-        given = {"base_motion": base_motion or None, "largest_drift": largest_drift, "start": start, "folder": folder}
-        given |= {"progress": progress or None, "on_sample": on_sample, "on_checkpoint": on_checkpoint}
-        given |= {"on_samples": on_samples, "make_stepper": make_stepper}
+    forest = answered_as_forest(chain)
+    if forest:
+        given = {"base_motion": base_motion or None, "largest_drift": largest_drift, "start": start}
+        given |= {"on_checkpoint": on_checkpoint, "on_samples": on_samples, "make_stepper": make_stepper}
         given |= {"sample_time": at_samples(controller, sample_time, delay)[1]}
         require_unused(**{argument: x is not None for argument, x in given.items()})
-        jumps = not checks.is_listed(breakpoints) or any(True for _ in breakpoints)
-        require_unused(events=bool(events), breakpoints=jumps, delay=delay != 0.0, name=name != "run")
-        require_unused(on_limit=on_limit != "record", on_singular=on_singular != "stop", scheme=scheme != "rk4")
-        require_unused(record=record != EVERYTHING, overwrite=overwrite)
-        require_simulated(chain, Policy(on_slip, on_limit, on_singular))
-        require_controller(controller)
-        law, times = given_law(controller, parameters), step_times(duration, step)
-        kept = record_settings(record, every, step, chain).every
-        run = mechanism_run(chain, state, law, times, Inputs() if inputs is None else inputs, kept)
-        return run  # pyright: ignore[reportReturnType]
-    serial_chain(chain, "simulation: chain")
+        require_unused(delay=delay != 0.0, on_singular=on_singular != "stop", scheme=scheme != "rk4")
+    else:
+        serial_chain(chain, "simulation: chain")
     checks.instance(state, State, "simulation: state", StateError)
     require_controller(controller)
     checks.name(name, "simulation: name")
@@ -207,16 +201,22 @@ def simulate(
     if policy.on_limit == "clip":
         controller = clipped(controller, chain)
     acting = given_law(controller, parameters)
-    if isinstance(acting, GivenLaw):
+    if isinstance(acting, GivenLaw) and not forest:
         require_function(acting.law, chain)
+    if forest:
+        require_openable(chain, policy)
+        wanted = recordable(wanted, record)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
 
-    calls = len(ends.times) * (1 if hold else len(named.c) * (EVALUATIONS if joint_limits(chain).limited.any() else 1))
+    verified = EVALUATIONS if joint_limits(chain).limited.any() else 1
+    calls = 0 if forest else len(ends.times) * (1 if hold else len(named.c) * verified)
     options = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
     options |= {"atol": atol, "largest_drift": limit, "controller": called}
     options |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}
     options |= wanted.options | ({} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay})
+    attached = attached_later(ordered) if forest else []
+    options |= {"attached": attached} if attached else {}
     setting = Setting(chain, environment.base_motion, name, float(duration), float(step), options)
     doing, begin = f"simulating {name}", f"{duration:g} s in {len(grid) - 1} steps"
     with (
@@ -224,10 +224,14 @@ def simulate(
         reporting(progress, doing, begin, of_time(duration)) as tell,
         _appending(folder, overwrite, setting, ends.times) as on_disk,
     ):
-        at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
         told = [one for one in (None if on_disk is None else on_disk.add, on_samples) if one is not None]
         read = None if on_disk is None else on_disk.read
-        run = recorded_run(at, start is not None, Listeners(tell, on_sample, on_checkpoint, told, read))
+        listeners = Listeners(tell, on_sample, on_checkpoint, told, read)
+        if forest:
+            run = mechanism_run(settings, state, setting.rows, listeners)
+        else:
+            at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
+            run = recorded_run(at, start is not None, listeners)
         moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
         run = changed(run, setting=replace(setting, base_motion=moved))
         if on_disk is not None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from holdfast import outer
+from holdfast.forces.margins import joint_coordinates
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp_rows import grasp_rows
 from holdfast.simulation.balance import MomentumBalance
 from holdfast.simulation.events import Occurrence, ending
-from holdfast.simulation.margins import JOINT_QUANTITIES
+from holdfast.simulation.margins import JOINT_QUANTITIES, freedom_names
 from holdfast.simulation.trajectory import LOWEST, Trajectory, part_of
 from holdfast.spatial.scalar import Array
 
@@ -31,9 +33,10 @@ class Summary:
         energy_imbalance: largest change of energy that no work explains [J].
         energy_moved: largest energy exchanged in the run, for comparison [J].
         momentum_imbalance: largest change of angular and linear momentum that no wrench explains [N m s, N s]; None if
-            there is not a sample at every step.
-        momentum_moved: largest angular and linear momentum in the run, for comparison [N m s, N s].
-        peak_force: largest grasp force, by arm that held the object [N].
+            there is not a sample at every step, and for a chain with branches.
+        momentum_moved: largest angular and linear momentum in the run, for comparison [N m s, N s]; None for a chain
+            with branches.
+        peak_force: largest grasp force, by arm that held the object; by grasp and loop of a chain with branches [N].
         peak_moment: largest grasp moment, by arm that held the object [N m].
         peak_internal_force: largest internal part of the grasp force, by arm that held the object [N].
         spin: angle by which the contact of each soft finger has turned about its normal [rad].
@@ -59,7 +62,7 @@ class Summary:
     energy_imbalance: float
     energy_moved: float
     momentum_imbalance: tuple[float, float] | None
-    momentum_moved: tuple[float, float]
+    momentum_moved: tuple[float, float] | None
     peak_force: dict[str, float]
     peak_moment: dict[str, float]
     peak_internal_force: dict[str, float]
@@ -86,11 +89,16 @@ class Summary:
 
 def summarise(chain: ClosedChain, run: Trajectory) -> Summary:
     """Return the summary of a run of the chain."""
-    return summary_of_parts(chain, [run], run.stopped, run.occurrences)
+    attached = () if run.setting is None else run.setting.options.get("attached", ())
+    return summary_of_parts(chain, [run], run.stopped, run.occurrences, attached)
 
 
 def summary_of_parts(
-    chain: ClosedChain, parts: Iterable[Trajectory], stopped: str | None, occurrences: tuple[Occurrence, ...]
+    chain: ClosedChain,
+    parts: Iterable[Trajectory],
+    stopped: str | None,
+    occurrences: tuple[Occurrence, ...],
+    attached: Sequence[str] = (),
 ) -> Summary:
     """Return the summary of a run of the chain whose successive parts are given, one of which is in memory at a time.
 
@@ -99,6 +107,7 @@ def summary_of_parts(
         parts: the parts, at least one.
         stopped: the reason why the run ended early, or None.
         occurrences: the log.
+        attached: names of grasps of a chain with branches that close later.
 
     Raises:
         StateError: an array was not recorded.
@@ -107,11 +116,11 @@ def summary_of_parts(
     run: Trajectory | None = None
     worst: dict[str, Any] = {}  # largest values
     lowest: dict[str, tuple[Array, ...]] = {}  # lowest values, and what belongs to them
-    balance, samples = MomentumBalance(), 0
+    balance, samples, forest = MomentumBalance(), 0, bool(chain.beyond_serial)
     for run in parts:
         largest = _largest_values(run, run if first is None else first, first is None)
         first = part_of(run, slice(0, 1)) if first is None else first
-        if run.every == 1:
+        if run.every == 1 and not forest:
             unexplained = balance.add(run.t, run.momentum, run.momentum_rate, run.base_impulse)
             largest["unexplained"] = _halves(unexplained)
         worst |= {name: np.maximum(x, worst.get(name, x)) for name, x in largest.items()}
@@ -122,14 +131,15 @@ def summary_of_parts(
             lowest[name] = tuple(np.where(here[0] < before[0], *pair) for pair in zip(here, before, strict=True))
         samples += len(run)
     assert run is not None
-    every_step = run.every == 1
+    every_step = run.every == 1 and not forest
     if every_step:
         worst["unexplained"] = np.maximum(worst["unexplained"], _halves(balance.rest()))
-    joints = chain.joint_names()
-    arms = [(i, name) for i, name in enumerate(chain.names) if worst["holding"][i]]
+    joints = freedom_names(chain)
+    names = [row.name for row in grasp_rows(chain, attached)]
+    arms = [(i, name) for i, name in enumerate(names) if worst["holding"][i]]
     margins = [(name, *(float(x[i]) for x in lowest["lowest_margin"])) for i, name in arms]
     of_joints = zip(JOINT_QUANTITIES, *(x.tolist() for x in lowest["lowest_joint_margin"]), strict=True)
-    best = -worst["loose_margin"]
+    best = -worst["loose_margin"] if "loose_margin" in worst else None
     return Summary(
         last_time=float(run.t[-1]),
         samples=samples,
@@ -140,15 +150,15 @@ def summary_of_parts(
         energy_imbalance=float(worst["imbalance"]),
         energy_moved=float(worst["energy"]),
         momentum_imbalance=_pair(worst["unexplained"]) if every_step else None,
-        momentum_moved=_pair(worst["momentum"]),
+        momentum_moved=None if forest else _pair(worst["momentum"]),
         peak_force={name: float(worst["force"][i]) for i, name in arms},
         peak_moment={name: float(worst["moment"][i]) for i, name in arms},
-        peak_internal_force={name: float(worst["internal_force"][i]) for i, name in arms},
-        spin={name: float(worst["turned"][i]) for i, name in arms if worst["spin"][i]},
+        peak_internal_force={} if forest else {name: float(worst["internal_force"][i]) for i, name in arms},
+        spin={} if forest else {name: float(worst["turned"][i]) for i, name in arms if worst["spin"][i]},
         lowest_margin={name: (margin, when) for name, margin, when in margins if np.isfinite(margin)},
-        lowest_best_margin={
-            name: float(best[i]) if np.isfinite(best[i]) else None for i, name in arms if worst["loose"][i]
-        },
+        lowest_best_margin={}
+        if best is None
+        else {name: float(best[i]) if np.isfinite(best[i]) else None for i, name in arms if worst["loose"][i]},
         lowest_joint_margin={
             what: (margin, joints[int(joint)], when) for what, margin, when, joint in of_joints if np.isfinite(margin)
         },
@@ -165,26 +175,30 @@ def _largest_values(run: Trajectory, start: Trajectory, begins: bool) -> dict[st
     energy = run.kinetic + run.potential
     unexplained = energy - (start.kinetic[0] + start.potential[0]) - run.work.sum(axis=1) - run.impact
     moved = (run.kinetic, run.potential - start.potential[0], *run.work.T, run.impact)
-    loose = np.isinf(run.worst_margin) & (run.worst_margin < 0)
-    return {
+    found = {
         "position_gap": run.position_gap[:, 1].max(),
         "velocity_gap": run.velocity_gap[:, 1].max(),
         "drift": run.position_gap[int(begins) :, 0].max(initial=0.0),
         "imbalance": np.abs(unexplained).max(),
         "energy": np.abs(moved).max(),
-        "momentum": _halves(run.momentum),
         "moment": moment,
         "force": force,
-        "internal_force": _halves(run.internal_wrench)[1],
         "holding": run.holding.any(axis=0),
-        "turned": np.abs(run.spin - start.spin[0]).max(axis=0),
-        "spin": (run.spin != 0.0).any(axis=0),
-        "loose": loose.any(axis=0),
-        "loose_margin": -np.where(loose, run.best_margin, np.inf).min(axis=0),
         "condition": run.condition.max(),
         "torque": np.abs(run.tau).max(axis=0),
         "q": run.q.max(axis=0),
         "-q": -run.q.min(axis=0),
+    }
+    if "internal_wrench" not in run.recorded:  # a chain that is answered as a forest
+        return found
+    loose = np.isinf(run.worst_margin) & (run.worst_margin < 0)
+    return found | {
+        "momentum": _halves(run.momentum),
+        "internal_force": _halves(run.internal_wrench)[1],
+        "turned": np.abs(run.spin - start.spin[0]).max(axis=0),
+        "spin": (run.spin != 0.0).any(axis=0),
+        "loose": loose.any(axis=0),
+        "loose_margin": -np.where(loose, run.best_margin, np.inf).min(axis=0),
     }
 
 
@@ -199,7 +213,7 @@ def _pair(x: Array) -> tuple[float, float]:
 
 
 def _torque_use(chain: ClosedChain, largest: Array) -> tuple[float, str] | None:
-    limits = np.array([joint.effort_limit for joint in chain.all_joints])
+    limits = np.array([joint.effort_limit for joint in chain.freedoms])
     if not np.isfinite(limits).any():
         return None
     return _worst_joint(chain, largest / limits)
@@ -207,6 +221,7 @@ def _torque_use(chain: ClosedChain, largest: Array) -> tuple[float, str] | None:
 
 def _limit_excess(chain: ClosedChain, largest: Array, least: Array) -> tuple[float, str] | None:
     low, high = chain.position_limits.T
+    largest, least = (joint_coordinates(chain, x) for x in (largest, least))
     beyond = np.maximum(low - least, largest - high)
     return _worst_joint(chain, beyond) if (beyond > 0).any() else None
 
@@ -214,4 +229,4 @@ def _limit_excess(chain: ClosedChain, largest: Array, least: Array) -> tuple[flo
 def _worst_joint(chain: ClosedChain, x: Array) -> tuple[float, str]:
     """Return the largest entry of x (n,), and the name of its joint."""
     worst = int(np.argmax(x))
-    return float(x[worst]), chain.joint_names()[worst]
+    return float(x[worst]), freedom_names(chain)[worst]

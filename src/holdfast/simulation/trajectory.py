@@ -13,6 +13,7 @@ from holdfast.errors import ModelError, StateError
 from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp_rows import grasp_rows
 from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.questions.arrays import ARRAYS, RAD, RATE, TORQUE, Row
@@ -34,6 +35,13 @@ LOWEST = {
 # of a floating base, and of any trunk; results of 0.1 have no such arrays
 BASE_FIELDS = ("base_pose", "base_twist", "base_acceleration")
 TRUNK_FIELDS = (*BASE_FIELDS, "trunk_base_wrench")
+# arrays that a run without trunk and couplings need not give; results of 0.1 lack them
+EMPTY_FIELDS = (*TRUNK_FIELDS, "coupling_force")
+# what a run of a chain with branches, loops, couplings or several objects does not determine
+NOT_OF_FORESTS = (
+    "internal_wrench", "load_share", "wrist_wrench", "base_wrench", "spin", "best_margin", "worst_margin", "momentum",
+    "momentum_rate", "base_impulse", "trunk_base_wrench",
+)  # fmt: skip
 
 
 class ArrayNotRecorded(StateError):
@@ -50,8 +58,9 @@ class NotRecorded(NDArrayOperatorsMixin):
         return f"<'{self._name}' was not recorded>"
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        never = " (runs of chains with branches never have it)" if self._name in NOT_OF_FORESTS else ""
         raise ArrayNotRecorded(
-            f"run: '{self._name}' was not recorded; try simulate(..., record=[..., '{self._name}']), or record="
+            f"run: '{self._name}' was not recorded{never}; try simulate(..., record=[..., '{self._name}']), or record="
             '"everything"'
         )
 
@@ -67,6 +76,9 @@ class NotRecorded(NDArrayOperatorsMixin):
 @dataclass(frozen=True, eq=False)
 class Trajectory(Frozen, RunOutputs):
     """The samples of a run; the first axis of every array is the sample.
+
+    The rows of grasp_wrench, holding and margins are the arms. Those of a chain with branches, loops, couplings or
+    several objects are its grasps and then its loops, with the names `rows`.
 
     There is a sample at the end of every step, unless `every` says otherwise. Shapes are those of one sample: a single
     sample has the same fields without the first axis. Arrays of a trunk or of a floating base have the shape (0,)
@@ -118,6 +130,7 @@ class Trajectory(Frozen, RunOutputs):
     base_twist: Array = NOT_GIVEN
     base_acceleration: Array = NOT_GIVEN
     trunk_base_wrench: Array = NOT_GIVEN
+    coupling_force: Array = NOT_GIVEN
     every: int = 1
     stopped: str | None = None
     occurrences: tuple[Occurrence, ...] = ()
@@ -125,9 +138,10 @@ class Trajectory(Frozen, RunOutputs):
 
     def __post_init__(self) -> None:
         missing = [name for name in array_names() if getattr(self, name) is None]
-        without_trunk = np.zeros((*np.shape(self.t), 0)) if set(missing) <= set(TRUNK_FIELDS) else None
+        nothing, complete = np.zeros((*np.shape(self.t), 0)), set(missing) <= set(EMPTY_FIELDS)
         for name in missing:
-            object.__setattr__(self, name, NotRecorded(name) if without_trunk is None else without_trunk)
+            empty = complete or (name not in TRUNK_FIELDS and name in EMPTY_FIELDS)
+            object.__setattr__(self, name, nothing if empty else NotRecorded(name))
         super().__post_init__()
 
     @classmethod
@@ -159,8 +173,9 @@ class Trajectory(Frozen, RunOutputs):
 
     @property
     def has_every_array(self) -> bool:
-        """Whether everything was recorded."""
-        return len(self.recorded) == len(array_names())
+        """Whether everything was recorded that a run of its chain determines."""
+        forest = self.setting is not None and bool(self.setting.chain.beyond_serial)
+        return {*array_names()} - {*self.recorded} <= {*(NOT_OF_FORESTS if forest else ())}
 
     def __len__(self) -> int:
         return len(self.t)
@@ -186,6 +201,15 @@ class Trajectory(Frozen, RunOutputs):
             )
         return self.setting
 
+    @property
+    def rows(self) -> list[str]:
+        """The names of the rows of grasp_wrench, holding and margins.
+
+        Raises:
+            StateError: the run has no setting.
+        """
+        return [row.name for row in self.require_setting().rows]
+
     def state(self, k: int) -> State:
         """Return the state of sample k."""
         base = (self.base_pose[k], self.base_twist[k]) if self.base_pose.shape[1] else ()
@@ -201,7 +225,10 @@ class Trajectory(Frozen, RunOutputs):
 
         Raises:
             StateError: the time is before the first sample or after the last.
+            MethodNotApplicable: the run is of a chain that is answered as a forest.
         """
+        if self.setting is not None:
+            serial_chain(self.setting.chain, "run: state_at")
         t = float(checks.numbers(t, (), "run: t", StateError))
         if not self.t[0] <= t <= self.t[-1]:
             raise StateError(f"run: t: expected {self.t[0]:.9g} to {self.t[-1]:.9g} s, got {t:.9g} s")
@@ -273,13 +300,14 @@ def require_run_of(chain: Any, run: Any) -> None:
     """
     if not isinstance(chain, ClosedChain):
         raise ModelError(f"chain: expected a ClosedChain, got a {type(chain).__name__}")
-    serial_chain(chain, "chain")
     if not isinstance(run, Trajectory):
         inside = "; try its .trajectory" if hasattr(type(run), "trajectory") else ""
         raise StateError(f"run: expected a Trajectory, as simulate returns it, got a {type(run).__name__}{inside}")
     if not len(run):
         raise StateError("run: expected samples, got none")
-    for name, size, what in (("q", chain.joint_count, "joints"), ("grasp_wrench", len(chain.arms), "arms")):
+    rows = len(grasp_rows(chain) if run.setting is None else run.setting.rows)
+    sizes = ("q", chain.position_count, "joints"), ("grasp_wrench", rows, "grasps" if chain.beyond_serial else "arms")
+    for name, size, what in sizes:
         if name in run.recorded and (got := getattr(run, name).shape[1]) != size:
             raise StateError(f"run: expected one of this chain with {size} {what}, got {got}")
 
@@ -311,6 +339,8 @@ _RUN_ROWS = (
         " axes"),
     Row("momentum_rate", (6,), "N m, N", "[moment; force] of bases, weights and external wrenches about the world's"
         " origin, world axes"),
+    Row("coupling_force", ("couplings",), "N m or N", "forces of the couplings; a coupling acts on each of its joints"
+        " with c times this"),
     Row("base_impulse", (6,), "N m s, N s", "[angular; linear] impulses of the bases in impacts since the start, about"
         " the world's origin, world axes"),
 )  # fmt: skip

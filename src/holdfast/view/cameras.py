@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
-from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk
-from holdfast.robots.visuals import arm_length, chain_length, equivalent_box
+from holdfast.robots.visuals import arm_length, chain_length, ends_of, equivalent_box
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
-from holdfast.view.markers import box_lines
+from holdfast.view.markers import box_lines, contacts_on
 from holdfast.view.playback import Playback, spring_ends
+from holdfast.view.poses import link_poses_on, object_poses
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
 
 SEEN_OF = 5  # number of frames that must fit into the picture
@@ -30,12 +29,12 @@ def upward(chain: ClosedChain) -> Array:
 
 
 def cameras(playback: Playback) -> list[Camera]:
-    """Return views that show the whole chain, and one near the object; the first is the default."""
+    """Return views that show the whole chain, and one near the objects, if any; the first is the default."""
     up = upward(playback.chain)
     along = _spread(playback.base_pose[0, :, 4:], up)
     front = cross(along, up)  # from the chain towards the camera
     chosen = np.unique(np.linspace(0, len(playback) - 1, SEEN_OF).astype(int))
-    near = np.concatenate([object_outline(playback, k) for k in chosen])
+    near = np.concatenate([objects_outline(playback, k) for k in chosen])
     springs = [np.reshape(spring_ends(playback, k), (-1, 3)) for k in chosen]
     points = np.concatenate([near, *(arms_outline(playback, k) for k in chosen), *springs])
     trunk, lengths = playback.chain.trunk, [chain_length(playback.chain)]
@@ -44,7 +43,6 @@ def cameras(playback: Playback) -> list[Camera]:
         lengths += [] if trunk.serial is None else [arm_length(trunk.serial)]
     around = LINK_THICKNESS * max(lengths)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    held = playback.object_pose[chosen, 4:].mean(axis=0)
     directions = {
         "overview": front + 0.45 * along + 0.4 * up,
         "front": front,
@@ -52,6 +50,9 @@ def cameras(playback: Playback) -> list[Camera]:
         "top": up + 0.02 * front,
     }
     views = [_fitted(name, direction, up, points, middle, around) for name, direction in directions.items()]
+    if not playback.chain.free_objects:
+        return views
+    held = np.mean([object_poses(playback.object_pose[k])[:, 4:].mean(axis=0) for k in chosen], axis=0)
     return [*views, _fitted("object", front + 0.3 * along + 0.5 * up, up, near, held, 0.0)]
 
 
@@ -80,8 +81,11 @@ def arms_outline(playback: Playback, k: int) -> Array:
     points = []
     for i, (name, arm) in enumerate(playback.chain.arms.items()):
         base = Pose.from_wxyz_xyz(playback.base_pose[k, i])
-        points += _serial_outline(arm, base, playback.q[k, playback.chain.joints[name]])
-    return np.array(points)
+        links = link_poses_on(base, arm.parent_of, arm.joints, playback.q[k, playback.chain.positions[name]])
+        points += [base.p, *(link.p for link in links)]
+        for frame, ends in zip([base, *links], ends_of(arm), strict=True) if arm.parents else ():
+            points += [frame.R @ end + frame.p for end in ends]
+    return np.concatenate([np.array(points), playback.tip[k]])
 
 
 def trunk_outline(trunk: Trunk, playback: Playback, k: int) -> Array:
@@ -91,13 +95,10 @@ def trunk_outline(trunk: Trunk, playback: Playback, k: int) -> Array:
     if trunk.floating is not None:
         points += list(_corners(trunk.floating) @ base.R.T + base.p)
     if trunk.serial is not None:
-        points += _serial_outline(trunk.serial, base, playback.q[k, playback.chain.joints[TRUNK]])
+        serial, q = trunk.serial, playback.q[k, playback.chain.positions[TRUNK]]
+        links = link_poses_on(base, serial.parent_of, serial.joints, q)
+        points += [link.p for link in links]
     return np.array(points)
-
-
-def _serial_outline(arm: Arm, base: Pose, q: Array) -> list[Array]:
-    at = forward_kinematics(arm.at(base), q)
-    return [base.p, at.tip.p, *(at.tip.p - reach for reach in at.reach)]
 
 
 def _corners(body: HeldObject | Link) -> Array:
@@ -106,12 +107,18 @@ def _corners(body: HeldObject | Link) -> Array:
     return box_lines(edges).reshape(-1, 3) @ box.R.T + box.p
 
 
-def object_outline(playback: Playback, k: int) -> Array:
-    """Return the corners of the object's box, and the contacts, in a frame, (points, 3) world axes [m]."""
-    corners = _corners(playback.chain.held_object)
-    contacts = [grasp.frame.p for grasp in playback.chain.grasps.values()]
-    frame = Pose.from_wxyz_xyz(playback.object_pose[k])
-    return np.concatenate([corners, np.reshape(contacts, (-1, 3))]) @ frame.R.T + frame.p
+def objects_outline(playback: Playback, k: int) -> Array:
+    """Return the corners of the objects' boxes, and the contacts, in a frame, (points, 3) world axes [m].
+
+    Without objects, these are the tips and the contacts of loops.
+    """
+    points = []
+    poses = object_poses(playback.object_pose[k])
+    for (name, held), pose in zip(playback.chain.free_objects.items(), poses, strict=True):
+        contacts = contacts_on(playback.chain, name)
+        frame = Pose.from_wxyz_xyz(pose)
+        points.append(np.concatenate([_corners(held), np.reshape(contacts, (-1, 3))]) @ frame.R.T + frame.p)
+    return np.concatenate(points or [playback.tip[k]])
 
 
 def _spread(bases: Array, up: Array) -> Array:

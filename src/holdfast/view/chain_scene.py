@@ -1,4 +1,4 @@
-"""A closed chain in 3D: arms, trunk, object, contact frames, friction cones, and arrows for the wrenches."""
+"""A chain in 3D: arms, trunk, objects, contact frames, friction cones, and arrows for the wrenches."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import joint_placement
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK
+from holdfast.model.force_element import HELD_OBJECT
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import Trunk
@@ -23,6 +23,7 @@ from holdfast.view import figure_style, markers, meshes
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.link_meshes import LinkMesh, meshes_of, surface_of_object
 from holdfast.view.playback import Playback, spring_ends
+from holdfast.view.poses import joint_poses, object_poses
 from holdfast.view.scene_writer import RGB, SceneWriter
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
@@ -53,14 +54,18 @@ class ChainScene:
         self._joints = {name: self._draw_arm(i, name, arm) for i, (name, arm) in enumerate(chain.arms.items())}
         if chain.trunk is not None:
             self._joints[TRUNK] = self._draw_trunk(chain.trunk)
-        self._cones = self._draw_object()
+        self._objects = {name: self._draw_object(name, one) for name, one in chain.free_objects.items()}
+        self._bodies = [*self._joints.get(TRUNK, ()), *(n for name in chain.arms for n in self._joints[name])]
+        self._bodies = [*([TRUNK_NODE] if chain.floats else ()), *self._bodies, *self._objects.values()]
+        self._cones = self._draw_contacts()
         self._draw_ground()
         self._reserves = {name: playback.reserve(name) for name in self._cones}
         for name in playback.holding:
-            colour, node, shaft = arm_colour(chain.names.index(name)), _node(name), SHAFT_RADIUS * self._size
+            colour, node, shaft = figure_style.rgb(playback.colour(name)), _node(name), SHAFT_RADIUS * self._size
             writer.arrows(f"/forces/{node}", 1, colour, shaft)
             writer.arrows(f"/moments/{node}", 2, colour, 0.7 * shaft)
-            writer.arrows(f"/internal_force/{node}", 1, figure_style.rgb(figure_style.INTERNAL_COLOUR), 0.8 * shaft)
+            if playback.internal.size:
+                writer.arrows(f"/internal_force/{node}", 1, figure_style.rgb(figure_style.INTERNAL_COLOUR), 0.8 * shaft)
             if playback.commanded is not None:
                 colour = figure_style.rgb(figure_style.COMMANDED_COLOUR)
                 writer.arrows(f"/commanded_force/{node}", 1, colour, 0.5 * shaft)
@@ -72,7 +77,6 @@ class ChainScene:
     def show(self, k: int) -> None:
         """Move everything to its pose in frame k."""
         playback, chain = self.playback, self.playback.chain
-        pose = playback.object_pose[k]
         with self._writer.at_once():
             bases = {_root(name): base for name, base in zip(chain.names, playback.base_pose[k], strict=True)}
             for root, base in {
@@ -81,34 +85,40 @@ class ChainScene:
             }.items():
                 self._writer.place(root, base[:4], base[4:])
             for name, joints in chain.joints_of.items():
-                for node, joint, q in zip(self._joints[name], joints, playback.q[k, chain.joints[name]], strict=True):
-                    E, l = joint_placement(joint, q)
-                    self._writer.place(node, rotation.to_quaternion(E), l)
-            self._writer.place("/object", pose[:4], pose[4:])
+                poses = joint_poses(joints, playback.q[k, chain.positions[name]])
+                for node, at in zip(self._joints[name], poses, strict=True):
+                    self._writer.place(node, rotation.to_quaternion(at.R), at.p)
+            for node, pose in zip(self._objects.values(), object_poses(playback.object_pose[k]), strict=True):
+                self._writer.place(node, pose[:4], pose[4:])
             for name in playback.holding:
                 self._point(name, k)
             for i, segments in enumerate(self._coils(k)):
                 self._writer.redraw(f"/springs/{i}", segments)
             for name, reserve in self._reserves.items():
-                self._writer.paint(f"/object/cones/{_node(name)}", markers.cone_colour(float(reserve[k])))
+                self._writer.paint(self._cones[name], markers.cone_colour(float(reserve[k])))
 
     def _coils(self, k: int) -> list[Array]:
         """Return the lines of every spring, and of every bushing from tip to contact, in frame k, world axes."""
-        playback, chain, held = self.playback, self.playback.chain, Pose.from_wxyz_xyz(self.playback.object_pose[k])
+        playback, chain = self.playback, self.playback.chain
+        if not chain.springs and not chain.bushings:
+            return []
+        held = Pose.from_wxyz_xyz(playback.object_pose[k])
         ends = [(playback.tip[k, chain.names.index(n)], (held @ chain.grasps[n].frame).p) for n in chain.bushings]
         return [markers.coil(a, b, COIL_RADIUS * self._size) for a, b in (*spring_ends(playback, k), *ends)]
 
     def _point(self, name: str, k: int) -> None:
         """Set the arrows of one arm, which start at its tip; internal forces are drawn below the force."""
         playback, node, writer = self.playback, _node(name), self._writer
-        i = playback.chain.names.index(name)
-        tip, wrench, internal = playback.tip[k, i], playback.wrench[k, i], playback.internal[k, i, 3:]
+        i = playback.row(name)[0]
+        tip, wrench = playback.tip[k, i], playback.wrench[k, i]
+        internal = playback.internal[k, i, 3:] if playback.internal.size else None
         force, moment = self.scale.force * wrench[3:], self.scale.moment * wrench[:3]
         writer.point(f"/forces/{node}", np.array([[tip, tip + force]]))
         # a moment's arrow has two heads
         writer.point(f"/moments/{node}", np.array([[tip, tip + share * moment] for share in (1.0, 0.8)]))
         commanded = None if playback.commanded is None else playback.commanded[k, i, 3:]
-        below = INTERNAL_OFFSET * self._size * _across(internal, -upward(playback.chain))
+        beside = wrench[3:] if internal is None else internal
+        below = INTERNAL_OFFSET * self._size * _across(beside, -upward(playback.chain))
         for what, inside, rows in (("internal_force", internal, 1), ("commanded_force", commanded, 2)):
             if inside is not None:
                 start = tip + rows * below
@@ -118,8 +128,13 @@ class ChainScene:
         """Draw an arm and return the names of its joints' nodes, base to tip."""
         chain, base = self.playback.chain, Pose.from_wxyz_xyz(self.playback.base_pose[0, index])
         root, colour = _root(name), arm_colour(index)
-        nodes = self._draw_links(root, base, name, arm.joints, meshes_of(visuals_of(arm)), colour)
-        self._writer.mesh(f"{nodes[-1]}/(own)" if nodes else f"{root}/(hand)", self._hand(arm), colour)
+        nodes = self._draw_links(root, base, name, arm.joints, meshes_of(visuals_of(arm)), colour, arm.parent_of)
+        if not arm.parents:
+            self._writer.mesh(f"{nodes[-1]}/(own)" if nodes else f"{root}/(hand)", self._hand(arm.tip), colour)
+        for key in chain.grasps:
+            if not isinstance(key, str) and key[0] == name:
+                link, frame = arm.frame(key[1], name)
+                self._writer.mesh(f"{nodes[link]}/(hand {_node(key[1])})", self._hand(frame), colour)
         up = base.R.T @ upward(chain)
         # bases of arms on a trunk and of others may be far away
         beside = arm.joints[0].placement.p if name in chain.mounts and arm.joints else np.zeros(3)
@@ -136,7 +151,8 @@ class ChainScene:
         """Draw the trunk, its base frame with axes, and return the names of its joints' nodes, base outward."""
         base, colour = Pose.from_wxyz_xyz(self.playback.trunk_pose[0]), figure_style.rgb(figure_style.TRUNK_COLOUR)
         visuals = meshes_of(visuals_of_trunk(self.playback.chain))
-        nodes = self._draw_links(TRUNK_NODE, base, TRUNK, trunk.joints, visuals, colour)
+        serial = (None, *range(len(trunk.joints)))[:-1]
+        nodes = self._draw_links(TRUNK_NODE, base, TRUNK, trunk.joints, visuals, colour, serial)
         # outside the floating body, which would hide them
         inside = 0.0 if trunk.floating is None else float(equivalent_box(trunk.floating)[0].max()) / 2
         self._writer.frame(f"{TRUNK_NODE}/(axes)", Pose.identity(), inside + 3 * AXES_LENGTH * self._widest)
@@ -145,17 +161,27 @@ class ChainScene:
         return nodes
 
     def _draw_links(
-        self, root: str, base: Pose, name: str, joints: Sequence[Joint], otherwise: list[list[LinkMesh]], colour: RGB
+        self,
+        root: str,
+        base: Pose,
+        name: str,
+        joints: Sequence[Joint],
+        otherwise: list[list[LinkMesh]],
+        colour: RGB,
+        parents: Sequence[int | None],
     ) -> list[str]:
         """Draw base and links with the playback's visuals or the given ones; return the names of the joints' nodes.
+
+        A node lies in that of the link, or base, on which its joint stands.
 
         Raises:
             ModelError: the number of visuals differs from that of the links.
         """
         nodes = [root]
         self._writer.frame(root, base)
-        for k, joint in enumerate(joints):
-            nodes.append(f"{nodes[-1]}/{_node(joint.name or f'joint{k + 1}')}")
+        for k, (joint, parent) in enumerate(zip(joints, parents, strict=True)):
+            stands = nodes[0 if parent is None else parent + 1]
+            nodes.append(f"{stands}/{_node(joint.name or f'joint{k + 1}')}")
             self._writer.frame(nodes[-1], Pose.identity())
         visuals = self.playback.visuals.get(name) or otherwise
         if len(visuals) != len(nodes):
@@ -169,33 +195,44 @@ class ChainScene:
                 self._writer.mesh(f"{node}/({j})", whole, colour if shade is None else shade)
         return nodes[1:]
 
-    def _hand(self, arm: Arm) -> meshes.Mesh:
-        """Return a thin tool from the last link's origin to a disc at the tip, in the last link's axes."""
-        thin, length = TOOL_RADIUS * self._size, float(np.linalg.norm(arm.tip.p))
+    def _hand(self, tip: Pose) -> meshes.Mesh:
+        """Return a thin tool from a link's origin to a disc at a tip, in the link's axes."""
+        thin, length = TOOL_RADIUS * self._size, float(np.linalg.norm(tip.p))
         # slightly beyond the tip, to avoid flicker with surfaces that end there
-        disc = Pose(arm.tip.R, arm.tip.p - 0.4 * thin * arm.tip.R[:, 2])
+        disc = Pose(tip.R, tip.p - 0.4 * thin * tip.R[:, 2])
         parts = [meshes.cylinder(DISC_RADIUS * self._size, thin).at(disc)]
         if length > 3 * thin:
-            middle = Pose(rotation.exp(rotation.align(UP, arm.tip.p / length)), arm.tip.p / 2)
+            middle = Pose(rotation.exp(rotation.align(UP, tip.p / length)), tip.p / 2)
             parts.append(meshes.cylinder(thin, length - 2 * thin).at(middle))
         return meshes.joined(parts)
 
-    def _draw_object(self) -> list[str]:
-        """Draw the object with its contact frames and friction cones; return the names of the arms with cones."""
+    def _draw_object(self, name: str, held: HeldObject) -> str:
+        """Draw an object and return the name of its node; with several, each has a label."""
         chain, writer = self.playback.chain, self._writer
-        surface, outline, edges, box = drawn_object(chain.held_object)
-        thin = LINE_THICKNESS * self._size
-        writer.frame("/object", Pose.identity())
-        writer.mesh("/object/body", surface, OBJECT_GREY, OBJECT_OPACITY)
-        lines = np.concatenate([outline, markers.struts(chain, edges, box)])
+        node = "/object" if name == HELD_OBJECT else f"/objects/{_node(name)}"
+        surface, outline, edges, box = drawn_object(held)
+        writer.frame(node, Pose.identity())
+        writer.mesh(f"{node}/body", surface, OBJECT_GREY, OBJECT_OPACITY)
+        lines = np.concatenate([outline, markers.struts(markers.contacts_on(chain, name), edges, box)])
         if len(lines):
-            writer.lines("/object/edges", lines, LINE_GREY, thin)
-        for name, grasp in chain.grasps.items():
-            writer.frame(f"/object/contacts/{_node(name)}", grasp.frame, AXES_LENGTH * self._size)
+            writer.lines(f"{node}/edges", lines, LINE_GREY, LINE_THICKNESS * self._size)
+        if len(chain.free_objects) > 1:
+            writer.label(f"{node}/(name)", name, box.p)
+        return node
+
+    def _draw_contacts(self) -> dict[str, str]:
+        """Draw contact frames and friction cones on the bodies that carry them; return the cones' nodes by row."""
+        writer, cones = self._writer, {}
+        for row in self.playback.rows:
+            if row.grasp is None:
+                continue
+            body, grasp = self._bodies[row.body], row.grasp
+            writer.frame(f"{body}/contacts/{_node(row.name)}", grasp.frame, AXES_LENGTH * self._size)
             if grasp.contact is not None:
+                cones[row.name] = f"{body}/cones/{_node(row.name)}"
                 lines = markers.cone_lines(grasp.contact.mu, CONE_HEIGHT * self._size, grasp.frame)
-                writer.lines(f"/object/cones/{_node(name)}", lines, markers.cone_colour(1.0), thin)
-        return [name for name, grasp in chain.grasps.items() if grasp.contact is not None]
+                writer.lines(cones[row.name], lines, markers.cone_colour(1.0), LINE_THICKNESS * self._size)
+        return cones
 
     def _draw_ground(self) -> None:
         """Draw a grid below the lowest base in the world; none without such a base or without gravity."""

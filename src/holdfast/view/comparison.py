@@ -10,6 +10,7 @@ import numpy as np
 
 from holdfast.errors import StateError
 from holdfast.io.files import file_path
+from holdfast.model.serial_chain import serial_chain
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style as style
@@ -59,6 +60,7 @@ def compare_runs(runs: Runs) -> dict[str, Any]:
         if not hasattr(run, "whole_run"):
             raise StateError(f"runs: '{name}': expected a run, got a {type(run).__name__}; try what simulate returns")
         whole[str(name)] = found = run.whole_run()
+        serial_chain(_chain(found), f"runs: '{name}': chain")
         require_run_of(_chain(found), found)
     hands = {"hands": _hands_figure(whole)} if _holding(whole) else {}
     return Figures({**hands, "object": _object_figure(whole), "balance": _balance_figure(whole)})

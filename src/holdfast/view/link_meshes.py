@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,6 @@ from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.view import meshes
 
-OBJECT_NAME = "object"
 UNCOLOURED = (0.78, 0.78, 0.8, 1.0)
 SHRINK = 0.003
 
@@ -120,11 +119,11 @@ def surface_of_object(held: HeldObject) -> meshes.Mesh | MeshFault | None:
     return surface
 
 
-def notes_on(missing: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return a sentence for each arm, "trunk" or "object" with unreadable meshes, which names the first of them."""
+def notes_on(missing: Mapping[str, tuple[str, ...]], arms: Collection[str]) -> tuple[str, ...]:
+    """Return a sentence for each arm, object or "trunk" with unreadable meshes, which names the first of them."""
     found = []
     for name, (first, *others) in missing.items():
-        what = name if name in (TRUNK, OBJECT_NAME) else f"arm '{name}'"
+        what = f"arm '{name}'" if name in arms else name
         more = f", and {len(others)} more" if others else ""
         found.append(f"{what} is drawn with simple solids: {first}{more}")
     return tuple(found)

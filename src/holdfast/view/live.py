@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.model.grasp_rows import GraspRow
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.embedded import escaped
-from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_style
+from holdfast.view.figure_style import DANGER, GREEN, ORANGE, part_colour
 from holdfast.view.markers import ArrowScale, common_scale
 from holdfast.view.page import different_playbacks, legend, meter, plots
 from holdfast.view.playback import Playback
@@ -87,7 +88,7 @@ class Controls:
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
-        key = " ".join(chip(i, name) for i, name in enumerate(playback.chain.names))
+        key = " ".join(chip(part_colour(playback.chain, name), name) for name in playback.chain.names)
         gui.add_html(f"<div style='padding:0 1em'><b>{escaped(playback.title)}</b><br>{key}</div>")
         if len(titles) > 1:
             self._choice = gui.add_dropdown("run", titles, initial_value=playback.title)
@@ -174,7 +175,7 @@ NEEDLE = "position:relative;top:-3px;width:3px;height:14px;background:#000"
 
 def readout(playback: Playback, frame: int) -> str:
     """Return the wrenches in a frame, the margins, the torques relative to their limits, and the condition."""
-    rows = "".join(_row(playback, frame, i, name) for i, name in enumerate(playback.chain.names))
+    rows = "".join(_row(playback, frame, i, row) for i, row in enumerate(playback.rows))
     head = "".join(f"<th style='text-align:right;font-weight:normal'>{heading}</th>" for heading in HEADINGS)
     shown = meter(playback)
     share, nearest = shown["values"][frame] or 0.0, shown["names"][shown["nearest"][frame]]
@@ -187,23 +188,24 @@ def readout(playback: Playback, frame: int) -> str:
     )
 
 
-def chip(index: int, name: str) -> str:
-    """Return an arm's name after a square in its colour, as HTML."""
-    return f"<span style='color:{arm_style(index)[0]}'>&#9632;</span> {escaped(name)}"
+def chip(colour: str, name: str) -> str:
+    """Return a name after a square in a colour '#rrggbb', as HTML."""
+    return f"<span style='color:{colour}'>&#9632;</span> {escaped(name)}"
 
 
-def _row(playback: Playback, frame: int, i: int, name: str) -> str:
-    use = playback.torque_use(name)
+def _row(playback: Playback, frame: int, i: int, row: GraspRow) -> str:
+    use = None if row.arm is None else playback.torque_use(row.arm)
+    internal = float(np.linalg.norm(playback.internal[frame, i, 3:])) if playback.internal.size else np.inf
     moments, forces = playback.wrench[frame, i, :3], playback.wrench[frame, i, 3:]
     values = (
         float(np.linalg.norm(forces)),
-        float(np.linalg.norm(playback.internal[frame, i, 3:])),
+        internal,
         float(np.linalg.norm(moments)),
         float(playback.margin[frame, i]),
         np.inf if use is None else 100 * float(use[frame]),
     )
     cells = "".join(f"<td style='text-align:right'>{_short(value)}</td>" for value in values)
-    return f"<tr><td style='white-space:nowrap'>{chip(i, name)}</td>{cells}</tr>"
+    return f"<tr><td style='white-space:nowrap'>{chip(playback.colour(row.name), row.name)}</td>{cells}</tr>"
 
 
 def _short(value: float) -> str:

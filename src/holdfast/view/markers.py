@@ -24,13 +24,18 @@ def box_lines(edges: Array) -> Array:
     return corners[np.array(pairs)]
 
 
-def struts(chain: ClosedChain, edges: Array, box: Pose) -> Array:
-    """Return lines from the box's middle to the contacts that lie off its surface, (N, 2, 3) object axes [m]."""
+def contacts_on(chain: ClosedChain, name: str) -> list[Array]:
+    """Return the contact points on an object, (3,) each, object axes [m]."""
+    return [one.frame.p for key, one in chain.grasps.items() if chain.held_by(one, key) == name]
+
+
+def struts(contacts: Sequence[Array], edges: Array, box: Pose) -> Array:
+    """Return lines from the middle of an object's box to its contacts off the surface, (N, 2, 3) object axes [m]."""
     lines = []
-    for grasp in chain.grasps.values():
-        outside = np.abs(box.R.T @ (grasp.frame.p - box.p)) - edges / 2
+    for p in contacts:
+        outside = np.abs(box.R.T @ (p - box.p)) - edges / 2
         if outside.max() > 0.02 * edges.max():
-            lines.append([box.p, grasp.frame.p])
+            lines.append([box.p, p])
     return np.array(lines).reshape(-1, 2, 3)
 
 
@@ -113,7 +118,8 @@ def arrow_scale(playback: Playback) -> ArrowScale:
     A moment is about as long as a force that causes it at the distance of the contacts from their centre.
     """
     size = chain_length(playback.chain)
-    lever = length_scale([grasp.frame.p for grasp in playback.chain.grasps.values()])
+    held = [contacts_on(playback.chain, name) for name in playback.chain.free_objects]
+    lever = max(map(length_scale, held), default=length_scale([]))
     commanded = np.zeros((0, 3)) if playback.commanded is None else playback.commanded[..., 3:]
     largest = max(
         float(np.linalg.norm(playback.wrench[..., 3:], axis=-1).max(initial=0.0)),

@@ -109,13 +109,16 @@ def panel_data(playback: Playback, scale: ArrowScale) -> dict[str, Any]:
 
 def legend(playback: Playback, scale: ArrowScale) -> str:
     """Return one or two sentences that explain arrows and cones."""
+    whose = "at a grasp or a loop" if playback.chain.beyond_serial else "on the object"
     sentences = [
-        f"Arrows in an arm's colour are its force on the object (0.1{GAP}m is {0.1 / scale.force:.3g}{GAP}N), with two"
-        f" heads its moment (0.1{GAP}m is {0.1 / scale.moment:.3g}{GAP}N{GAP}m). Purple arrows are the internal force."
+        f"Arrows in an arm's colour are its force {whose} (0.1{GAP}m is {0.1 / scale.force:.3g}{GAP}N), with two"
+        f" heads its moment (0.1{GAP}m is {0.1 / scale.moment:.3g}{GAP}N{GAP}m)."
     ]
+    if playback.internal.size:
+        sentences.append("Purple arrows are the internal force.")
     if playback.commanded is not None:
         sentences.append("Below them, in dark purple, is what the controller commands.")
-    if any(grasp.contact is not None for grasp in playback.chain.grasps.values()):
+    if any(row.grasp is not None and row.grasp.contact is not None for row in playback.rows):
         sentences.append("Friction cones turn from green to red as a contact approaches slipping.")
     if playback.chain.trunk is not None:
         sentences.append("Grey is the trunk.")
@@ -132,8 +135,9 @@ def bars(playback: Playback) -> list[dict[str, Any]]:
     for name, joints in chain.joints_of.items():
         shares = torque_shares(chain, name, playback.tau).T
         used = {str(j + 1): shares[j] for j, joint in enumerate(joints) if np.isfinite(joint.effort_limit)}
-        if name in chain.grasps and chain.grasps[name].contact is not None:
-            used["grip"] = playback.grip_use(name)
+        for row in playback.rows:
+            if row.arm == name and row.grasp is not None and row.grasp.contact is not None:
+                used["grip" if row.name == name else row.name.partition("/")[2]] = playback.grip_use(row.name)
         group = [{"label": label, "values": _rounded(100 * share, 3)} for label, share in used.items()]
         allowed = 100.0 if effort is None else 100.0 * effort
         found.append({"title": name, "colour": part_colour(chain, name), "bars": group, "allowed": allowed})
@@ -145,16 +149,18 @@ def plots(playback: Playback) -> list[dict[str, Any]]:
 
     Internal forces have a plot of their own if the controller commands them.
     """
-    names = playback.chain.names
+    names = [row.name for row in playback.rows]
     force, moment, internal_force = (
         np.linalg.norm(part, axis=2)
         for part in (playback.wrench[..., 3:], playback.wrench[..., :3], playback.internal[..., 3:])
     )
     moment[moment < NOISE * force.max(initial=0.0)] = 0.0
-    colours = {name: part_colour(playback.chain, name) for name in playback.chain.joints_of}
+    parts = {name: part_colour(playback.chain, name) for name in playback.chain.joints_of}
+    colours = parts | {name: playback.colour(name) for name in names}
     held = [(name, names.index(name)) for name in playback.holding]
     forces = [_curve(name, colours[name], force[:, i]) for name, i in held]
-    inside = [_curve(f"{name}, internal", colours[name], internal_force[:, i], dashed=True) for name, i in held]
+    split = held if playback.internal.size else []
+    inside = [_curve(f"{name}, internal", colours[name], internal_force[:, i], dashed=True) for name, i in split]
     commands: list[dict[str, Any]] = []
     if playback.commanded is None:
         forces += inside
@@ -165,20 +171,25 @@ def plots(playback: Playback) -> list[dict[str, Any]]:
     moments = [_curve(name, colours[name], moment[:, i]) for name, i in held]
     limited = [(name, i) for name, i in held if np.isfinite(playback.margin[:, i]).any()]
     margins = [_curve(name, colours[name], playback.margin[:, i]) for name, i in limited]
-    uses = {name: playback.torque_use(name) for name in colours}
+    uses = {name: playback.torque_use(name) for name in parts}
     torques = [_curve(name, colours[name], 100 * use) for name, use in uses.items() if use is not None]
     travel = base_travel(playback.trunk_pose)._asdict() if playback.chain.floats else {}
     away = [
         _curve(name, TRUNK_COLOUR, np.linalg.norm(way, axis=1), dashed=name == "turn") for name, way in travel.items()
     ]
+    whose = "at grasps and loops" if playback.chain.beyond_serial else "on the object"
     found = [
-        _plot("force on the object [N]", forces),
+        _plot(f"force {whose} [N]", forces),
         _plot("internal force [N]", commands),
-        _plot("moment on the object [N m]", moments),
+        _plot(f"moment {whose} [N m]", moments),
         _plot("margin of the grasp [N], gives way below 0", margins, lines=[0.0]),
         _plot("largest torque [% of its limit]", torques),
         _plot("floating base from its start [m, rad]", away),
-        _plot("condition of the grasps [1]", [_curve("grasps", BLACK, playback.condition)], log=True),
+        _plot(
+            f"condition of {_closures(playback)} [1]",
+            [_curve(_closures(playback).removeprefix("the "), BLACK, playback.condition)],
+            log=True,
+        ),
     ]
     return [plot for plot in found if any(any(curve["values"]) for curve in plot["curves"])]
 
@@ -195,10 +206,14 @@ def meter(playback: Playback) -> dict[str, Any]:
     return {
         "title": "singularity meter",
         "values": _rounded(values),
-        "names": ["the grasps", *playback.chain.names],
+        "names": [_closures(playback), *playback.chain.names],
         "nearest": nearest.tolist(),
         "ends": ["regular", "singular"],
     }
+
+
+def _closures(playback: Playback) -> str:
+    return "grasps and loops" if playback.chain.beyond_serial else "the grasps"
 
 
 def _plot(title: str, curves: list[dict[str, Any]], lines: list[float] | None = None, log: bool = False) -> Any:

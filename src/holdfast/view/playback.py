@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,22 +13,27 @@ from holdfast.control.commanded_forces import commanded_internal_wrenches, comma
 from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.closed.force_elements import end_motions
 from holdfast.dynamics.near_singular import arm_strength
+from holdfast.dynamics.tree.mechanism_terms import flat_state
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ModelError
 from holdfast.forces.force_split import split
 from holdfast.forces.limits import ForceLimits
 from holdfast.forces.margins import grasp_margins
+from holdfast.forces.row_wrenches import attitudes
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.grasp_rows import GraspRow, grasp_rows
 from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.run_outputs import FRAME_RATE
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
-from holdfast.view.link_meshes import OBJECT_NAME, LinkMesh, meshes_in_files, notes_on, surface_of_object
+from holdfast.view.figure_style import part_colour
+from holdfast.view.link_meshes import LinkMesh, meshes_in_files, notes_on, surface_of_object
 
 DrawnSurfaces = Mapping[str, Sequence[Sequence[LinkMesh]]]
 SMALLEST_HOLD = 1e-9  # N
@@ -45,11 +51,12 @@ class Playback:
         q: (frames, n) joint positions [rad or m].
         base_pose: (frames, arms, 7) wxyz_xyz of the arms' bases in the world, those on a trunk too.
         trunk_pose: (frames, 7) wxyz_xyz of a trunk's base frame in the world; (frames, 0) without one.
-        object_pose: (frames, 7) wxyz_xyz.
-        tip: (frames, arms, 3) tip points, world axes; for an arm with a grasp, the contact points [m].
-        wrench: (frames, arms, 6) wrench of each arm on the object about its tip, world axes [N m, N].
-        internal: (frames, arms, 6) internal part of these wrenches, which causes no motion.
-        margin: (frames, arms) margin of each grasp [N]; infinite without a limit.
+        object_pose: (frames, 7) wxyz_xyz, or (frames, objects, 7).
+        tip: (frames, rows, 3) tip points, world axes; for an arm with a grasp, the contact points [m].
+        wrench: (frames, rows, 6) wrench of each arm on the object about its tip, world axes [N m, N].
+        internal: (frames, rows, 6) internal part of these wrenches, which causes no motion; (frames, 0, 6) if it is not
+            known.
+        margin: (frames, rows) margin of each grasp [N]; infinite without a limit.
         condition: (frames,) condition of the grasp constraint.
         strength: (frames, arms) strength of each arm's weakest tip direction; 0 at a singular configuration, 1 without
             a grasp.
@@ -57,9 +64,10 @@ class Playback:
         visuals: by name, the surfaces of each arm, and of "trunk", that is not drawn with simple solids; see
             `link_meshes`.
         notes: sentences about meshes that cannot be read, which the page shows.
-        commanded: (frames, arms, 6) internal wrenches that the controller commands, before integrals and limits; None
+        commanded: (frames, rows, 6) internal wrenches that the controller commands, before integrals and limits; None
             if it is not known.
         limits: the limits that the controller keeps; None if it keeps none, or is not known.
+        attached: names of grasps of a chain with branches that close later.
     """
 
     chain: ClosedChain
@@ -80,6 +88,12 @@ class Playback:
     notes: tuple[str, ...] = ()
     commanded: Array | None = None
     limits: ForceLimits | None = None
+    attached: Sequence[str] = ()
+
+    @cached_property
+    def rows(self) -> Sequence[GraspRow]:
+        """What the rows belong to: the arms, or the grasps and loops of a chain that is answered as a forest."""
+        return grasp_rows(self.chain, self.attached)
 
     def __repr__(self) -> str:
         """Return the title, the number of moments and the time of the last one."""
@@ -90,13 +104,22 @@ class Playback:
 
     @property
     def holding(self) -> list[str]:
-        """The arms that hold the object in some frame."""
-        return [n for i, n in enumerate(self.chain.names) if n in self.chain.grasps or self.wrench[:, i].any()]
+        """The names of the rows with a grasp or a loop in some frame."""
+        return [row.name for i, row in enumerate(self.rows) if row.grasp is not None or self.wrench[:, i].any()]
+
+    def row(self, name: str) -> tuple[int, GraspRow]:
+        """Return the place of a row, and the row."""
+        return next((i, row) for i, row in enumerate(self.rows) if row.name == name)
+
+    def colour(self, name: str) -> str:
+        """Return the colour '#rrggbb' of a row: that of its arm, or of what belongs to no arm."""
+        arm = self.row(name)[1].arm
+        return part_colour(self.chain, TRUNK if arm is None else arm)
 
     def reserve(self, name: str) -> Array:
         """Return the margin of an arm's friction cone as a share of mu f_n, 0 to 1, (frames,)."""
-        i = self.chain.names.index(name)
-        if self.chain.grasps[name].contact is None:
+        i, row = self.row(name)
+        if row.grasp is None or row.grasp.contact is None:
             return np.ones(len(self))
         reserve = np.clip(self.margin[:, i] / np.maximum(self._hold(name), SMALLEST_HOLD), 0.0, 1.0)
         return np.where(self.wrench[:, i].any(axis=1), reserve, 1.0)  # an arm that has let go cannot slip
@@ -106,17 +129,22 @@ class Playback:
 
         It is 1 at the margin that the controller keeps, and without one at the onset of slip; at most 2.
         """
-        i, hold = self.chain.names.index(name), self._hold(name)
+        i, hold = self.row(name)[0], self._hold(name)
         demands = {} if self.limits is None else self.limits.of_grasps("least_margin", self.chain)
         free = np.maximum(hold - demands.get(name, 0.0), SMALLEST_HOLD)
         return np.where(self.wrench[:, i].any(axis=1), np.clip((hold - self.margin[:, i]) / free, 0.0, 2.0), 0.0)
 
     def _hold(self, name: str) -> Array:
         """Return mu f_n of an arm's contact, (frames,) [N]."""
-        i, grasp = self.chain.names.index(name), self.chain.grasps[name]
-        assert grasp.contact is not None
-        normals = np.array([rotation.from_quaternion(pose[:4]) @ grasp.frame.R[:, 2] for pose in self.object_pose])
-        return grasp.contact.mu * np.sum(normals * self.wrench[:, i, 3:], axis=1)
+        i, row = self.row(name)
+        assert row.grasp is not None and row.grasp.contact is not None
+        R = np.array([attitudes(self.chain, self.state(k), [row.body])[0] for k in range(len(self))])
+        return row.grasp.contact.mu * np.sum(R @ row.grasp.frame.R[:, 2] * self.wrench[:, i, 3:], axis=1)
+
+    def state(self, k: int) -> State:
+        """Return the state of frame k at rest."""
+        below = {"base_pose": self.trunk_pose[k]} if self.chain.floats else {}
+        return State(self.q[k], np.zeros(self.chain.joint_count), self.object_pose[k], **below)
 
     def torque_use(self, name: str) -> Array | None:
         """Return the largest |tau| over its limit of the joints of an arm, or of "trunk", (frames,); None without."""
@@ -125,7 +153,7 @@ class Playback:
 
 def torque_shares(chain: ClosedChain, name: str, tau: Array) -> Array:
     """Return |tau| over its limit of an arm's joints, or of those of "trunk", (samples, joints); 0 without one."""
-    limits = np.array([joint.effort_limit for joint in chain.joints_of[name]])
+    limits = np.array([joint.effort_limit for joint in chain.joints_of[name] for _ in range(joint.type.freedoms)])
     return np.abs(tau[:, chain.joints[name]] / limits)
 
 
@@ -167,19 +195,22 @@ def playback_of_run(
     if len(k) > MOST_FRAMES:
         raise ModelError(f"rate: expected at most {MOST_FRAMES} frames, got {len(k)}; try a lower rate")
     world = Environment(chain, base_motion or {})
+    rows = tuple(grasp_rows(chain)) if run.setting is None else run.setting.rows
     places = []
     for t, j in zip(run.t[k].tolist(), k.tolist(), strict=True):
         state = run.state(j)
-        places.append(_placed(*world.at(t, state), state))
+        places.append(_placed(*world.at(t, state), state, rows))
     strength = np.array([at.strength for at in places])
     commanded = _commanded(chain, controller, run, k) if commands_forces(controller) else None
     surfaces, notes = _surfaces(chain, visuals)
-    strength[~run.holding[k]] = 1.0
+    internal = run.internal_wrench[k] if "internal_wrench" in run.recorded else np.zeros((len(k), 0, 6))
+    if not chain.beyond_serial:
+        strength[~run.holding[k]] = 1.0
     bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))
     return Playback(
         chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
-        run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], surfaces, notes, commanded,
-        limits_kept(controller),
+        internal, run.margin[k], run.condition[k], strength, run.tau[k], surfaces, notes, commanded,
+        limits_kept(controller), [row.name for row in rows if row.grasp is None and row.name not in chain.arms],
     )  # fmt: skip
 
 
@@ -209,7 +240,7 @@ def playback_of_instant(at: Instant, title: str, controller: Any = None) -> Play
     chain, state, found = at.chain, at.state, at.result
     margin = np.full(len(chain.arms), np.inf)
     margin[[chain.names.index(name) for name in chain.grasps]] = grasp_margins(chain, state, found.grasp_wrench)
-    place = _placed(chain, at.inputs, state)
+    place = _placed(chain, at.inputs, state, grasp_rows(chain))
     internal = split(chain, state, found.grasp_wrench).internal
     parts = (
         at.t, state.q, place.bases, place.below, state.object_pose, place.tips, found.grasp_wrench, internal, margin,
@@ -226,9 +257,9 @@ def playback_of_instant(at: Instant, title: str, controller: Any = None) -> Play
 def _surfaces(chain: ClosedChain, visuals: DrawnSurfaces | None) -> tuple[DrawnSurfaces, tuple[str, ...]]:
     """Return the surfaces of arms and trunk, and sentences about meshes that cannot be read."""
     found, missing = meshes_in_files(chain) if visuals is None else (visuals, {})
-    surface = surface_of_object(chain.held_object)
-    of_object = {OBJECT_NAME: (str(surface),)} if isinstance(surface, MeshFault) else {}
-    return found, notes_on({**missing, **of_object})
+    surfaces = {name: surface_of_object(one) for name, one in chain.free_objects.items()}
+    of_objects = {name: (str(surface),) for name, surface in surfaces.items() if isinstance(surface, MeshFault)}
+    return found, notes_on({**missing, **of_objects}, chain.names)
 
 
 class _Place(NamedTuple):
@@ -237,7 +268,7 @@ class _Place(NamedTuple):
     Attributes:
         bases: (arms, 7) poses of the arms' bases in the world.
         below: (7,) pose of a trunk's base frame; (0,) without one.
-        tips: (arms, 3) tip points [m].
+        tips: (rows, 3) tip points [m].
         strength: (arms,) strength of each arm's weakest tip direction.
     """
 
@@ -247,8 +278,10 @@ class _Place(NamedTuple):
     strength: list[float]
 
 
-def _placed(chain: ClosedChain, inputs: Inputs, state: State) -> _Place:
+def _placed(chain: ClosedChain, inputs: Inputs, state: State, rows: Sequence[GraspRow]) -> _Place:
     """Return the poses of a chain in a state, with its bases at their poses at that time."""
+    if chain.beyond_serial:
+        return _placed_as_forest(chain, state, rows)
     arms = base_kinematics(chain, state, inputs.shaped(chain)).arms.values()
     configurations = [
         forward_kinematics(arm, state.q[chain.joints[name]]) for name, arm in zip(chain.names, arms, strict=True)
@@ -262,6 +295,28 @@ def _placed(chain: ClosedChain, inputs: Inputs, state: State) -> _Place:
     if state.base_pose is not None:
         below = state.base_pose
     return _Place([arm.base.wxyz_xyz for arm in arms], below, [at.tip.p for at in configurations], strength)
+
+
+def _placed_as_forest(chain: ClosedChain, state: State, rows: Sequence[GraspRow]) -> _Place:
+    """Return the poses of a chain that is answered as a forest, whose bases in the world stand still."""
+    found = chain.as_forest
+    poses = found.forest.poses(flat_state(chain, state)[0])
+    mounts = {name: poses[body] for name, body in chain.mounted_on.items()}
+    bases = [(mounts[name] @ arm.base if name in mounts else arm.base).wxyz_xyz for name, arm in chain.arms.items()]
+    below = np.zeros(0) if chain.trunk is None else chain.trunk.base.wxyz_xyz
+    tips = [_tip(chain, row, poses) for row in rows]
+    return _Place(bases, below if state.base_pose is None else state.base_pose, tips, [1.0] * len(chain.arms))
+
+
+def _tip(chain: ClosedChain, row: GraspRow, poses: Sequence[Pose]) -> Array:
+    """Return the point at which a grasp or loop is held: the tip, or the contact of a loop, (3,) [m]."""
+    if row.grasp is not None:
+        return (poses[row.body] @ row.grasp.frame).p
+    if isinstance(row.key, str):
+        return poses[chain.as_forest.arms[row.key][-1]].p
+    arm, frame = row.key
+    link, at = chain.arms[arm].frame(frame, row.name)
+    return (poses[chain.as_forest.arms[arm][link]] @ at).p
 
 
 def samples_at(t: Array, rate: float) -> Array:

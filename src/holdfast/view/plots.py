@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from os import PathLike
 from typing import Any
@@ -11,8 +11,10 @@ import numpy as np
 
 from holdfast.io.files import file_path
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp_rows import GraspRow, grasp_rows
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.trajectory import ArrayNotRecorded, Trajectory, require_run_of
+from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style as style
 from holdfast.view.playback import base_travel
@@ -93,21 +95,26 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    held = [i for i in range(len(chain.names)) if run.holding[:, i].any()]
-    internal = run.internal_wrench[..., 3:]
-    norms = [np.linalg.norm(part, axis=2) for part in (run.grasp_wrench[..., 3:] - internal, internal)]
-    looks = (("motion part", "-", style.BLACK), ("internal part", "--", style.INTERNAL_COLOUR))
+    rows_of_run = rows_of(chain, run)
+    held = [i for i in range(len(rows_of_run)) if run.holding[:, i].any()]
+    force = run.grasp_wrench[..., 3:]
+    parts = [("all of it", "-", style.BLACK, force)]
+    if "internal_wrench" in run.recorded:
+        internal = run.internal_wrench[..., 3:]
+        parts = [("motion part", "-", style.BLACK, force - internal)]
+        parts.append(("internal part", "--", style.INTERNAL_COLOUR, internal))
     size = np.abs(run.grasp_wrench).max(axis=(0, 1), initial=0.0)
     rows = {"force [N]": 3, "moment [N m]": 0} if size[:3].max() > style.NOISE * size[3:].max() else {"force [N]": 3}
     with style.columns_of_panels(len(held), 1.4 * (len(rows) + 1), 0.3, (*rows, "|force| [N]")) as (figure, columns):
         for i, (*wrench, split) in zip(held, columns, strict=True):
-            wrench[0].set_title(_title(chain, i))
+            wrench[0].set_title(_title(rows_of_run[i]))
             for panel, first in zip(wrench, rows.values(), strict=True):
                 for axis, (label, colour, line) in enumerate(style.COMPONENTS):
                     panel.plot(run.t, run.grasp_wrench[:, i, first + axis], line, color=colour, label=label)
-            for norm, (label, line, colour) in zip(norms, looks, strict=True):
-                split.plot(run.t, norm[:, i], line, color=colour, label=label)
-        handles = [*columns[0][0].lines, *columns[0][-1].lines] if held else []
+            for label, line, colour, part in parts:
+                split.plot(run.t, np.linalg.norm(part[:, i], axis=1), line, color=colour, label=label)
+        split_lines = columns[0][-1].lines if held and len(parts) > 1 else []
+        handles = [*columns[0][0].lines, *split_lines] if held else []
         style.without_spikes(figure, columns)
         for *_, split in columns:  # after all curves are drawn, because the panels of a row share an axis
             split.set_ylim(bottom=0)
@@ -116,10 +123,14 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     return figure
 
 
-def _title(chain: ClosedChain, arm: int) -> str:
-    """Return an arm's name and, if it has one in the initial state, the kind of its grasp."""
-    name = chain.names[arm]
-    return style.drawn_text(name) + (f" ({chain.grasps[name].kind})" if name in chain.grasps else "")
+def rows_of(chain: ClosedChain, run: Trajectory) -> Sequence[GraspRow]:
+    """Return what the rows of a run's wrenches and margins belong to."""
+    return grasp_rows(chain) if run.setting is None else run.setting.rows
+
+
+def _title(row: GraspRow) -> str:
+    """Return the name of a row and, if it has one in the initial state, the kind of its grasp."""
+    return style.drawn_text(row.name) + ("" if row.grasp is None else f" ({row.grasp.kind})")
 
 
 def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
@@ -138,7 +149,7 @@ def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    driven = [name for name, joints in chain.joints_of.items() if joints]
+    driven = [name for name, joints in chain.joints_of.items() if any(joint.actuated for joint in joints)]
     named = 0.13 * max((min(len(chain.joints_of[name]), len(style.JOINT_DASHES)) for name in driven), default=0)
     labels = (_label(chain), "share of limit [%]")
     with style.columns_of_panels(len(driven), 3.0 + named, 0.2, labels) as (figure, columns):
@@ -155,7 +166,13 @@ def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
 
 def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: Any) -> None:
     """Draw the torques of one arm, or of "trunk", into its two panels."""
-    joints, tau = chain.joints_of[name], run.tau[:, chain.joints[name]]
+    joints = [
+        (changed(joint, name=f"{joint.name or f'joint{k + 1}'}{axis}"), joint.actuated)
+        for k, joint in enumerate(chain.joints_of[name])
+        for axis in ((" x", " y", " z") if joint.type.quaternion else ("",))
+    ]
+    tau = run.tau[:, chain.joints[name]][:, [drives for _, drives in joints]]
+    joints = [joint for joint, drives in joints if drives]
     limits = np.array([joint.effort_limit for joint in joints])
     limited = np.isfinite(limits)
     use = np.where(limited, 100 * np.abs(tau) / limits, 0.0)
@@ -165,7 +182,7 @@ def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: An
         colour, line, label = style.OTHERS, "-", "_"
         if k in first:
             colour, line = style.joint_style(style.part_colour(chain, name), first.index(k), len(first))
-            label = style.drawn_text(joint.name or f"joint{k + 1}")
+            label = style.drawn_text(joint.name)
         torque.plot(run.t, tau[:, k], linestyle=line, color=colour, label=label)
         if limited[k]:
             share.plot(run.t, use[:, k], linestyle=line, color=colour, label=label)
@@ -302,16 +319,17 @@ def friction_margin_figure(chain: ClosedChain, run: Trajectory) -> Any:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    limited = [i for i in range(len(chain.names)) if np.isfinite(run.margin[:, i]).any()]
+    names = [row.name for row in rows_of(chain, run)]
+    limited = [i for i in range(len(names)) if np.isfinite(run.margin[:, i]).any()]
     with style.new_figure(style.COLUMN, 2.6) as figure:
         panel = figure.subplots()
         panel.axhspan(-BEYOND, 0.0, color=style.DANGER, alpha=0.12, linewidth=0, zorder=0)
         panel.axhline(0.0, color=style.DANGER, linewidth=0.8)
         for i in limited:
             margin = np.where(np.isfinite(run.margin[:, i]), run.margin[:, i], np.nan)
-            panel.plot(run.t, margin, **style.labelled(i, chain.names[i]))
+            panel.plot(run.t, margin, **style.labelled(i, names[i]))
         low, high = _range(run.margin)
-        for i in limited:
+        for i in limited if "worst_margin" in run.recorded else ():
             worst, best = (np.clip(m[:, i], -BEYOND, BEYOND) for m in (run.worst_margin, run.best_margin))
             if (best - worst > NARROWEST_BAND * (high - low)).any():
                 panel.fill_between(run.t, worst, best, color=style.arm_style(i)[0], alpha=0.15, linewidth=0)
@@ -349,7 +367,7 @@ def slips(chain: ClosedChain, run: Trajectory) -> list[tuple[str, float]]:
     if logged:
         return logged
     found = []
-    for i, name in enumerate(chain.names):
+    for i, (name, *_) in enumerate(rows_of(chain, run)):
         margin = run.margin[:, i]
         if margin[0] < 0:
             found.append((name, float(run.t[0])))

@@ -25,8 +25,10 @@ def summary_table(summary: Summary) -> Any:
 
 def rows(summary: Summary) -> list[tuple[str, str]]:
     """Return (quantity, value with unit) of every line of the table."""
-    most_angular, most_linear = summary.momentum_moved
+    most_angular, most_linear = summary.momentum_moved or (0.0, 0.0)
     unexplained = "not known: it needs a sample at every step"
+    if summary.momentum_moved is None:
+        unexplained = "not known for chains with branches"
     if summary.momentum_imbalance is not None:
         angular, linear = summary.momentum_imbalance
         unexplained = f"off by {angular:.1e} N m s of {most_angular:.3g}, {linear:.1e} N s of {most_linear:.3g}"
@@ -39,7 +41,8 @@ def rows(summary: Summary) -> list[tuple[str, str]]:
         ("momentum balance", unexplained),
     ]
     for name, force in summary.peak_force.items():
-        inner = f"; internal force {summary.peak_internal_force[name]:.4g} N"
+        internal = summary.peak_internal_force.get(name)
+        inner = "" if internal is None else f"; internal force {internal:.4g} N"
         lines.append((f"peak grasp wrench, {name}", f"{force:.4g} N, {summary.peak_moment[name]:.3g} N m{inner}"))
     lines += [(f"spin about the normal, {name}", f"{spin:.3g} rad") for name, spin in summary.spin.items()]
     lines += _margins(summary)

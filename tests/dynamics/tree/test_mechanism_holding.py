@@ -68,7 +68,7 @@ def test_a_run_under_gravity_compensation():
     assert not law(0.0, state, None)[0][2:].any()
     run = hf.simulate(chain, state, law, 0.1, 2e-2)
     assert run.kinetic[-1] < 0.7 * run.kinetic[0]
-    assert np.abs(run.energy_imbalance).max() < 1e-4 * run.kinetic[0]
+    assert np.abs(run.imbalance).max() < 1e-4 * run.kinetic[0]
 
 
 def test_refusals():

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.consistency import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual
+from holdfast.dynamics.grasp_gap import POSITION_TOLERANCE, VELOCITY_TOLERANCE, position_residual
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.errors import StateError
 from holdfast.spatial.scalar import Array, Scalar, maximum

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.stacked import block_diagonal
-from holdfast.dynamics.consistency import VELOCITY_TOLERANCE
 from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
+from holdfast.dynamics.grasp_gap import VELOCITY_TOLERANCE
 from holdfast.dynamics.tree.forest_dynamics import forest_arguments
 from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_motion import ForestMotion
@@ -146,10 +146,8 @@ class InverseAt(NamedTuple):
     loads: Callable[[Array], Array]
 
 
-# what finds the same by machine code in a run; None if it does not know the forest
-inverse_code: ContextVar[Callable[[ForestArguments], InverseAt | None] | None] = ContextVar(
-    "inverse_code", default=None
-)
+InverseCode = Callable[[ForestArguments], InverseAt | None]  # None of a forest of which it has no machine code
+inverse_code: ContextVar[InverseCode | None] = ContextVar("inverse_code", default=None)  # that of a run
 
 
 def inverse_at(given: ForestArguments) -> InverseAt:

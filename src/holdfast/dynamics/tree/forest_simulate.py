@@ -55,6 +55,7 @@ class ForestInstant(NamedTuple):
         closure_wrench: (closures, 6) wrenches of the closures.
         coupling_force: (couplings,) forces of the couplings.
         unique: whether the forces are unique.
+        condition: dimensionless condition number of the constraint; see `ForestResult`.
     """
 
     qdd: Array
@@ -63,6 +64,7 @@ class ForestInstant(NamedTuple):
     closure_wrench: Array
     coupling_force: Array
     unique: bool
+    condition: float
 
 
 class ForestAccount(NamedTuple):
@@ -108,8 +110,8 @@ class ForestReference(NamedTuple):
         """See `ForestEngine`."""
         motion, _, found = solved_forest(given, check=False)
         rates, power = position_rates(given.forest, given.q, given.qd), np.array(power_into(given, motion))
-        unique = found.status is Status.OK
-        return ForestInstant(found.qdd, rates, power, found.closure_wrench, found.coupling_force, unique)
+        forces = found.closure_wrench, found.coupling_force
+        return ForestInstant(found.qdd, rates, power, *forces, found.status is Status.OK, found.condition)
 
     def closing(self, q: Array, qd: Array) -> ClosingRound:
         """See `ForestEngine`."""
@@ -131,76 +133,104 @@ class ForestSample(NamedTuple):
         given: its arguments.
         now: its accelerations.
         work: (4,) work since the start, in the order of the power, by the same weights as the motion [J].
-        drift: the largest position gap that the step left before it was closed [m and rad].
+        drift: the largest gaps in position and velocity that the step left before it was closed.
     """
 
     t: float
     given: ForestArguments
     now: ForestInstant
     work: Array
-    drift: float
+    drift: tuple[float, float]
 
 
 Acting = Callable[[float, Array, Array, bool], ForestArguments]  # of t, q, qd and whether a step begins
+NO_DRIFT = (0.0, 0.0)
 
 
-def forest_steps(
-    engine: ForestEngine, forest: Forest, q: Array, qd: Array, acting: Acting, times: Array
-) -> Iterator[ForestSample]:
-    """Yield a forest at given times, the first of which is the start; see `forest_simulate`.
+def forest_start(
+    engine: ForestEngine, acting: Acting, t: float, q: Array, qd: Array, work: Array | None = None
+) -> ForestSample:
+    """Return a forest at the start of a run, or after a jump; arguments as for `forest_steps`.
+
+    Raises:
+        StateError: it does not satisfy its closures and couplings.
+    """
+    given = acting(t, q, qd, True)
+    require_closed(given.motion({}), q, qd)
+    return ForestSample(t, given, engine.instant(given), np.zeros(4) if work is None else work, NO_DRIFT)
+
+
+def forest_step(
+    engine: ForestEngine, acting: Acting, start: ForestSample, until: float, begins: bool = True
+) -> ForestSample:
+    """Return a forest after one step.
 
     Where some rows follow from others, they contradict each other beside closed states. The stages of a step are then
     closed, too, which is the same scheme for accelerations that depend on the nearest closed state.
 
     Args:
         engine: evaluates the forest.
-        forest: the forest.
+        acting: returns the arguments of the forest at a time and state.
+        start: the forest before the step.
+        until: time at the end of the step [s].
+        begins: whether a step begins at its end; False for a step that is only tried.
+    """
+    forest = start.given.forest
+    n_q, n_v, t, h = forest.position_count, forest.velocity_count, start.t, until - start.t
+    x = np.concatenate([start.given.q, start.given.qd, start.work])
+
+    def rates(t: float, x: Array) -> Array:
+        q, qd = unit_quaternions(forest, x[:n_q]), x[n_q : n_q + n_v]
+        if not start.now.unique:
+            q, qd, _ = closed_near(engine, forest, q, qd)
+        return _rates(engine.instant(acting(t, q, qd, False)))
+
+    a = _rates(start.now)
+    b = rates(t + 0.5 * h, x + 0.5 * h * a)
+    c = rates(t + 0.5 * h, x + 0.5 * h * b)
+    d = rates(t + h, x + h * c)
+    x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+    q, qd, drift = closed_near(engine, forest, unit_quaternions(forest, x[:n_q]), x[n_q : n_q + n_v])
+    given = acting(until, q, qd, begins)
+    return ForestSample(until, given, engine.instant(given), x[n_q + n_v :], drift)
+
+
+def _rates(now: ForestInstant) -> Array:
+    """Return the rates of positions, velocities and works."""
+    return np.concatenate([now.q_rates, now.qdd, now.power])
+
+
+def forest_steps(engine: ForestEngine, q: Array, qd: Array, acting: Acting, times: Array) -> Iterator[ForestSample]:
+    """Yield a forest at given times, the first of which is the start; see `forest_simulate`.
+
+    Args:
+        engine: evaluates the forest.
         q: (n_q,) positions at the start.
         qd: (n_v,) rates at the start.
         acting: returns the arguments of the forest at a time and state.
         times: (steps + 1,) increasing times [s].
     """
-    n_q, n_v, work, drift = forest.position_count, forest.velocity_count, np.zeros(4), 0.0
-    unique = True
-    require_closed(ForestArguments(forest, q, qd, 0.0 * qd, np.zeros((len(forest.bodies), 6))).motion({}), q, qd)
-
-    def evaluated(t: float, x: Array, begins: bool) -> tuple[ForestArguments, ForestInstant, Array]:
-        at, rates = unit_quaternions(forest, x[:n_q]), x[n_q : n_q + n_v]
-        if not (begins or unique):
-            at, rates, _ = _closed(engine, forest, at, rates)
-        given = acting(t, at, rates, begins)
-        found = engine.instant(given)
-        return given, found, np.concatenate([found.q_rates, found.qdd, found.power])
-
-    for k, t in enumerate(times.tolist()):
-        x = np.concatenate([q, qd, work])
-        given, now, a = evaluated(t, x, True)
-        unique = now.unique
-        yield ForestSample(t, given, now, work, drift)
-        if k + 1 == len(times):
-            return
-        h = times[k + 1] - t
-        b = evaluated(t + 0.5 * h, x + 0.5 * h * a, False)[-1]
-        c = evaluated(t + 0.5 * h, x + 0.5 * h * b, False)[-1]
-        d = evaluated(t + h, x + h * c, False)[-1]
-        x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-        q, qd, drift = _closed(engine, forest, unit_quaternions(forest, x[:n_q]), x[n_q : n_q + n_v])
-        work = x[n_q + n_v :]
+    sample = forest_start(engine, acting, float(times[0]), q, qd)
+    yield sample
+    for t in times[1:].tolist():
+        sample = forest_step(engine, acting, sample, t)
+        yield sample
 
 
-def _closed(engine: ForestEngine, forest: Forest, q: Array, qd: Array) -> tuple[Array, Array, float]:
-    """Return closed positions and rates near some, and the largest gap in position before.
+def closed_near(engine: ForestEngine, forest: Forest, q: Array, qd: Array) -> tuple[Array, Array, tuple[float, float]]:
+    """Return closed positions and rates near some, and the largest gaps in position and velocity before.
 
     Raises:
         ClosureError: they cannot be closed from there.
     """
     now = first = engine.closing(q, qd)
+    gaps = float(first.position_gap), float(first.velocity_gap)
     for _ in range(MOST_CLOSING_ROUNDS):
         now = engine.closing(now.q, now.qd)
         if now.position_gap <= FOREST_CLOSED:  # and the round has closed the rates there
-            return now.q, now.qd, float(first.position_gap)
+            return now.q, now.qd, gaps
     far = forest_close(forest, q, qd)
-    return far.q, far.qd, float(first.position_gap)
+    return far.q, far.qd, gaps
 
 
 @np.errstate(all="ignore")  # what overflows is refused
@@ -243,6 +273,6 @@ def forest_simulate(
         tau = np.zeros(n) if torque is None else checks.numbers(torque(t, at, rates), (n,), "torque", StateError)
         return ForestArguments(forest, at, rates, tau, given.wrenches)
 
-    samples = [*forest_steps(ForestReference(forest), forest, given.q, given.qd, acting, h * np.arange(count + 1))]
+    samples = [*forest_steps(ForestReference(forest), given.q, given.qd, acting, h * np.arange(count + 1))]
     reached = [(sample.given.q, sample.given.qd) for sample in samples]
     return ForestRun(np.array([sample.t for sample in samples]), *(np.array(x) for x in zip(*reached, strict=True)))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.dynamics.consistency import VELOCITY_TOLERANCE
+from holdfast.dynamics.grasp_gap import VELOCITY_TOLERANCE
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.forest_closing import impulse_of
 from holdfast.dynamics.tree.forest_gaps import position_gaps, require_closed, velocity_gaps

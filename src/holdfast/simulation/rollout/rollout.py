@@ -15,7 +15,7 @@ from holdfast.compiled.arrays import require_threads
 from holdfast.compiled.kernels import compiling
 from holdfast.compiled.structure import Options
 from holdfast.control.controller import ControlLaw
-from holdfast.dynamics.consistency import POSITION_TOLERANCE
+from holdfast.dynamics.grasp_gap import POSITION_TOLERANCE
 from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain

@@ -1,0 +1,100 @@
+"""The margins of a chain that is answered as a forest: of grasps, loops and joints, in the layout of `Signals`.
+
+If forces are not unique, margins are those of the smallest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from holdfast.forces.margins import conditions, joint_coordinates, margin_of_row, margins_of_joints
+from holdfast.forces.row_wrenches import contact_wrenches
+from holdfast.model.grasp_rows import GraspRow, grasp_rows
+from holdfast.simulation.margins import JOINT_QUANTITIES, Quantity, Signals, freedom_names, giving_way
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismInstant:
+    """What the margins depend on at one time.
+
+    Attributes:
+        state: positions and velocities.
+        tau: (n,) torques of the drives.
+        wrench: (rows, 6) wrenches of the run's grasps and loops, zero where none is closed.
+    """
+
+    state: State
+    tau: Array
+    wrench: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismSignals(Signals):
+    """The layout and evaluation of the margins of a chain that is answered as a forest.
+
+    Attributes:
+        rows: the rows of the run, whatever is closed now.
+    """
+
+    rows: Sequence[GraspRow] = ()
+
+    def __len__(self) -> int:
+        return len(self.rows) + 3 * self.chain.joint_count
+
+    @cached_property
+    def closed(self) -> dict[int, GraspRow]:
+        """The rows of the grasps and loops that are closed now, by their place."""
+        now = {row.name: row for row in grasp_rows(self.chain)}
+        return {i: now[row.name] for i, row in enumerate(self.rows) if row.name in now}
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Name of each signal: the rows, then three times the joints as 'arm/joint'."""
+        return [*(row.name for row in self.rows), *3 * freedom_names(self.chain)]
+
+    @cached_property
+    def quantities(self) -> list[Quantity]:
+        """The quantity that each signal limits."""
+        n = self.chain.joint_count
+        grasps: list[Quantity] = ["grasp"] * len(self.rows)
+        return grasps + [quantity for quantity in JOINT_QUANTITIES for _ in range(n)]
+
+    @cached_property
+    def limited_rows(self) -> dict[int, GraspRow]:
+        """The closed grasps and loops with limits, by their place."""
+        return {i: row for i, row in self.closed.items() if row.grasp is not None and conditions(row.grasp)}
+
+    @cached_property
+    def limited(self) -> Array:
+        """Indices of the signals that have a limit; only these have to be evaluated."""
+        grasps = [i in self.limited_rows for i in range(len(self.rows))]
+        return np.flatnonzero(np.array([*grasps, *self.joint_limits.limited.flat]))
+
+    def margins(self, at: MechanismInstant) -> Array:
+        """Return all margins at an instant, (rows + 3 n,). O(rows + n), and O(bodies) with limited loops."""
+        found = np.full(len(self.rows), np.inf)
+        for i, wrench in self._wrenches(at).items():
+            found[i] = margin_of_row(self.limited_rows[i], wrench)
+        q = joint_coordinates(self.chain, at.state.q)
+        return np.concatenate([found, *margins_of_joints(self.joint_limits, q, at.state.qd, at.tau)])
+
+    def _wrenches(self, at: MechanismInstant) -> dict[int, Array]:
+        """Return the wrenches of the rows with limits in contact axes."""
+        return contact_wrenches(self.chain, at.state, at.wrench, self.limited_rows)
+
+    def description(self, at: Any, signal: int) -> str:
+        """Return a sentence on what happens when the margin reaches zero."""
+        name, quantity = self.names[signal], self.quantities[signal]
+        if quantity != "grasp":
+            return f"joint '{name}' reaches its {quantity} limit"
+        row = self.limited_rows[signal]
+        assert row.grasp is not None
+        what = "grasp" if row.key in self.chain.grasps else "loop"
+        return f"{what} '{name}' {giving_way(row.grasp, self._wrenches(at)[signal])}"
