@@ -85,7 +85,9 @@ def mechanism_torques(
 
 
 @np.errstate(all="ignore")  # what overflows is refused
-def mechanism_holding(chain: ClosedChain, state: State, acceleration: Any, internal_force: Any) -> Array:
+def mechanism_holding(
+    chain: ClosedChain, state: State, acceleration: Any, internal_force: Any, *, check: bool = True
+) -> Array:
     """Return torques for an acceleration of the objects, (n,); see `holding_torques` for errors. O(n^3).
 
     Args:
@@ -94,6 +96,7 @@ def mechanism_holding(chain: ClosedChain, state: State, acceleration: Any, inter
         acceleration: (6,), or (k, 6) of several objects; None for zero.
         internal_force: a push of every grasp along its contact normal into its object [N], or (grasps and loops, 6)
             wished wrenches.
+        check: whether the state must satisfy grasps, loops and couplings.
     """
     given, parts = mechanism_arguments(chain, state), chain_results(chain)
     motion, (n, closures) = given.motion({}), (chain.joint_count, parts["grasp_wrench"].shape)
@@ -112,4 +115,4 @@ def mechanism_holding(chain: ClosedChain, state: State, acceleration: Any, inter
     wanted = flat_rates(np.zeros(n), alpha, of_base)
     moves = flat_rates(of_arms, np.zeros(alpha.shape, dtype=bool), of_base).astype(bool)
     wanted[moves] = smallest_accelerations(motion, wanted, moves)
-    return torques_for(given, wanted, near, check=True).tau[joint_rows(chain)]
+    return torques_for(given, wanted, near, check).tau[joint_rows(chain)]
