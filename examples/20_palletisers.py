@@ -73,7 +73,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     held = [hf.holding_torques(*carried(1, offset)) for offset in (0.0, 0.3)]
     print("one, load in the middle and 0.3 m further out:", *(np.round(tau[[0, 1, 3]], 3) + 0.0 for tau in held))
     chain, state = carried(2)
-    found = hf.diagnose(chain, state)
+    found: Any = hf.diagnose(chain, state)
     print(f"two: rank {found.rank} of {found.rows}, mobility {found.mobility}: {found.parts[0].words}")
     torque, driven = hf.holding_torques(chain, state), np.array([joint.actuated for joint in chain.all_joints])
     still = float(np.abs(hf.forward_dynamics(chain, state, torque).qdd).max())
@@ -81,7 +81,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     def lift(t: float, now: hf.State, memory: Any) -> tuple[np.ndarray, Any]:
         return 1.1 * torque - 100.0 * driven * now.qd, memory
 
-    run = hf.simulate(chain, state, lift, 0.3, 1e-2)
+    run = hf.simulate(chain, state, lift, 0.2, 1e-2)
     tilt = max(float(np.abs(run.state(k).object_frame.R - np.eye(3)).max()) for k in range(len(run)))
     rise, gained = float(np.ptp(run.object_pose[[0, -1], 6])), np.ptp((run.kinetic + run.potential)[[0, -1]])
     print(f"lifted by {rise:.4f} m, tilted by {tilt:.0e}; work {run.work[-1].sum():.3f} J, gained {gained:.3f} J")

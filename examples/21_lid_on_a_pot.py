@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -43,9 +44,9 @@ def main(out: Path = OUT) -> dict[str, float]:
     """Return what is lost when the lid touches, and what each hand carries before, together, and at the end."""
     out.mkdir(parents=True, exist_ok=True)
     chain, state = kitchen()
-    runs = [hf.simulate(chain, state, GravityCompensation(chain), HEIGHT / SPEED, STEP)]
+    runs: list[Any] = [hf.simulate(chain, state, GravityCompensation(chain), HEIGHT / SPEED, STEP)]
     before, rest = runs[0].state(-1), hf.Closure("pot", "lid", hf.Grasp("rigid"), RIM)
-    touched = hf.dynamics.attach(chain, before, "rest", rest, here=True)
+    touched: Any = hf.dynamics.attach(chain, before, "rest", rest, here=True)
     jump = OBJECTS["pot"].mass * (touched.state.object_twist - before.object_twist)[0, 3:]
     on_pot = touched.by_grasp["pot's hand"] - touched.by_grasp["rest"]
     print(f"touched: {1e3 * touched.energy_change:.2f} mJ, impulse {touched.by_grasp['rest'][5]:.3f} N s on the lid")

@@ -17,7 +17,7 @@ from holdfast.view.figure_style import DPI, STYLE, arm_style
 
 OUT = Path(__file__).parent / "out"
 ARM, HOME = hf.robots.ur5e(), np.array([0.0, -1.2, 1.6, -1.97, -1.571, 0.0])  # rad
-HALF, WIDTH, GRIP, DURATION, STEP = 1.0, 0.06, 40.0, 0.6, 2e-2  # of the beam [m], of a finger [N], [s]
+HALF, WIDTH, GRIP, DURATION, STEP = 1.0, 0.06, 40.0, 0.5, 2e-2  # of the beam [m], of a finger [N], [s]
 COUNT = ARM.joint_count + 3  # bodies of a robot: hull, arm, two fingers
 
 
@@ -39,15 +39,15 @@ def flyers() -> tuple[Forest, np.ndarray]:
     fingers = own.poses(np.concatenate([near.wxyz_xyz, q]))[-2:]
     beam = hf.Pose(fingers[0].R, (fingers[0].p + fingers[1].p) / 2) @ hf.Pose.translation(HALF, 0, 0)
     far = beam @ hf.Pose.from_rpy(0, 0, np.pi) @ beam.inverse()
-    held = hf.Link(12.0, (0, 0, 0), np.diag([0.02, 4.0, 4.0]), "beam")
-    bodies, closures = [*robot(0), *robot(COUNT), ForestBody(held, BodyJoint("free"))], []
+    held, closures = hf.Link(12.0, (0, 0, 0), np.diag([0.02, 4.0, 4.0]), "beam"), list[hf.Closure]()
+    bodies = [*robot(0), *robot(COUNT), ForestBody(held, BodyJoint("free"))]
     for first, hull in ((0, near), (COUNT, far)):
-        for k, kind in ((0, "rigid"), (1, "ball")):
-            held_at = hf.Grasp(kind, beam.inverse() @ hull @ fingers[k])
+        for k in (0, 1):
+            held_at = hf.Grasp("ball" if k else "rigid", beam.inverse() @ hull @ fingers[k])
             closures += [hf.Closure(first + COUNT - 2 + k, 2 * COUNT, held_at, name=f"finger {len(closures) + 1}")]
-    mimic = [JointCoupling([(first + COUNT - 2, 0, 1.0), (first + COUNT - 1, 0, -1.0)], 0.0) for first in (0, COUNT)]
-    forest = Forest(bodies, closures, mimic, gravity=np.zeros(3))
-    return forest, np.concatenate([near.wxyz_xyz, q, far.wxyz_xyz, q, beam.wxyz_xyz])
+    mimic = [JointCoupling([(last - 1, 0, 1.0), (last, 0, -1.0)], 0.0) for last in (COUNT - 1, 2 * COUNT - 1)]
+    places = [*near.wxyz_xyz, *q, *far.wxyz_xyz, *q, *beam.wxyz_xyz]
+    return Forest(bodies, closures, mimic, np.zeros(3)), np.array(places)
 
 
 def bend(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ def with_hand(arm: hf.Arm) -> hf.Arm:
     return hf.Arm(joints, links, base=arm.base, parents=parents)
 
 
-def held(kind: str) -> tuple[hf.ClosedChain, hf.State]:
+def held(kind: Any) -> tuple[hf.ClosedChain, hf.State]:
     """Return both hands at the ball, which they touch by contacts of a kind."""
     place, arms, grasps, q = hf.Pose.translation(0, 0, 0.5), {}, {}, []
     for name, base in BASES.items():
@@ -75,7 +75,7 @@ def main(out: Path = OUT) -> dict[str, Any]:
             if name == "left brakes closed":
                 at = {name: q for name, q in zip(chain.joint_names(), state.q, strict=True) if "left/f" in name}
                 chain = replace(chain, couplings=[hf.Coupling({name: 1.0}, q) for name, q in at.items()])
-            told = hf.diagnose(chain, state)
+            told: Any = hf.diagnose(chain, state)
             print(f"{name}: {told.parts[0].words}")
             result = hf.forward_dynamics(chain, state, hf.holding_torques(chain, state, internal_force=SQUEEZE))
             forces = result.grasp_wrench[:6, 3:]

@@ -20,11 +20,11 @@ def test_groups(name):
     G = rows.on_qd(motion)
     rank = int(np.linalg.matrix_rank(G, 1e-9)) if G.size else 0
     groups = undetermined_forces(motion, rank)
-    assert sum(group.count for group in groups) == len(G) - rank
+    assert sum(group.number for group in groups) == len(G) - rank
     for group in groups:
         slots = [rows.closures[i] for i in group.closures]
         slots += [slice(rows.couplings[i], rows.couplings[i] + 1) for i in group.couplings]
         for without in (None, *range(len(slots))):
             own = np.concatenate([G[at] for k, at in enumerate(slots) if k != without] or [G[:0]])
             left = len(own) - (np.linalg.matrix_rank(own, 1e-9) if len(own) else 0)
-            assert left == group.count if without is None else left < group.count
+            assert left == group.number if without is None else left < group.number

@@ -286,12 +286,12 @@ def _listed(one: str, several: str, numbers: Sequence[int]) -> str:
 
 def _where(forest: Forest, groups: Sequence[UndeterminedForces]) -> str:
     """Return which closures and couplings share the forces that nothing determines; nothing if all share all."""
-    if len(groups) == 1 and len(groups[0].closures + groups[0].couplings) == len(forest.closures + forest.couplings):
+    if len(groups) == 1 and len(groups[0].closures + groups[0].couplings) == len([*forest.closures, *forest.couplings]):
         return ""
     found = []
     for group in groups:
         *most, last = _closing(forest, group.closures, group.couplings)
-        found.append(f"{group.count} among {', '.join(most)} and {last}" if most else f"{group.count} in {last}")
+        found.append(f"{group.number} among {', '.join(most)} and {last}" if most else f"{group.number} in {last}")
     return f": {', '.join(found)}"
 
 

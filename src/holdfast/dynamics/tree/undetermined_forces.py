@@ -16,12 +16,12 @@ class UndeterminedForces(NamedTuple):
     """Forces that act on each other within a group of closures and couplings, and that no equation determines.
 
     Attributes:
-        count: how many there are.
+        number: how many there are.
         closures: indices of the closures.
         couplings: indices of the couplings.
     """
 
-    count: int
+    number: int
     closures: tuple[int, ...]
     couplings: tuple[int, ...]
 
@@ -49,7 +49,7 @@ def undetermined_forces(motion: ForestMotion, rank: int) -> list[UndeterminedFor
             near = [other for other in left if np.abs(P[k][other]).max() > SHARED]
             group += near
             left = [other for other in left if other not in near]
-        count, first = round(sum(float(np.trace(P[k][k])) for k in group)), len(rows.closures)
+        number, first = round(sum(float(np.trace(P[k][k])) for k in group)), len(rows.closures)
         closures, couplings = (tuple(sorted(k for k in group if (k < first) == of)) for of in (True, False))
-        found.append(UndeterminedForces(count, closures, tuple(k - first for k in couplings)))
+        found.append(UndeterminedForces(number, closures, tuple(k - first for k in couplings)))
     return found
