@@ -9,10 +9,11 @@ import holdfast.robots.urdf.attributes as attributes
 from holdfast.errors import SceneError
 from holdfast.robots.sdf.values import pose_in
 from holdfast.robots.urdf.document import Element, hint, quoted
+from holdfast.robots.urdf.robot import WORLD_LINK
 from holdfast.robots.urdf.vocabulary import text_of
 from holdfast.spatial.pose import Pose
 
-MODEL, WORLD = "__model__", "world"
+MODEL_FRAME = "__model__"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +37,7 @@ class SdfFrames:
             SceneError: there is no such frame, or it is attached to no link.
         """
         for _ in range(len(self.elements) + 1):
-            if name == WORLD or (name in self.elements and self.elements[name].tag == "link"):
+            if name == WORLD_LINK or (name in self.elements and self.elements[name].tag == "link"):
                 return name
             if name not in self.attached:
                 raise _unknown(name, element, self.elements)
@@ -58,7 +59,7 @@ class SdfFrames:
     def _upward(self, name: str, element: Element) -> list[tuple[str, Pose]]:
         """Return the frames from one up to the world, each with its pose in the next."""
         found = []
-        while name != WORLD:
+        while name != WORLD_LINK:
             if name not in self.above:
                 raise _unknown(name, element, self.elements)
             on, pose = self.above[name]
@@ -66,7 +67,7 @@ class SdfFrames:
             if len(found) > len(self.above):
                 raise element.refuse(f"{quoted(name)} is placed relative to itself")
             name = on
-        return [*found, (WORLD, Pose.identity())]
+        return [*found, (WORLD_LINK, Pose.identity())]
 
 
 def _composed(upward: list[tuple[str, Pose]]) -> Pose:
@@ -90,23 +91,23 @@ def sdf_frames(model: Element) -> SdfFrames:
         SceneError: a name is missing or used twice.
     """
     elements: dict[str, Element] = {}
-    attached, above = {}, {MODEL: (WORLD, pose_in(model.first("pose")))}
+    attached, above = {}, {MODEL_FRAME: (WORLD_LINK, pose_in(model.first("pose")))}
     links = [child for child in model.children if child.tag == "link"]
     if links:
-        attached[MODEL] = model.attributes.get("canonical_link") or attributes.name(links[0])
+        attached[MODEL_FRAME] = model.attributes.get("canonical_link") or attributes.name(links[0])
     for element in model.children:
         if element.tag not in ("link", "joint", "frame"):
             continue
         name = attributes.name(element)
-        if name in (WORLD, MODEL) or name in elements:
+        if name in (WORLD_LINK, MODEL_FRAME) or name in elements:
             where = f"first used in line {elements[name].line}" if name in elements else "which the format reserves"
             raise element.refuse(f"expected a unique name, got {quoted(name)}, {where}")
         elements[name] = element
-        on = MODEL
+        on = MODEL_FRAME
         if element.tag == "joint":
             on = text_of(element.required("child"))
         elif element.tag == "frame":
-            on = element.attributes.get("attached_to") or MODEL
+            on = element.attributes.get("attached_to") or MODEL_FRAME
         attached[name] = on
         pose = element.first("pose")
         stated = "" if pose is None else pose.attributes.get("relative_to", "")

@@ -13,7 +13,7 @@ from holdfast.errors import SceneError
 from holdfast.model import checks
 from holdfast.model.closure import Closure
 from holdfast.model.grasp import Grasp
-from holdfast.robots.sdf.frames import MODEL, SdfFrames
+from holdfast.robots.sdf.frames import MODEL_FRAME, SdfFrames
 from holdfast.robots.sdf.values import child_limit, child_number, switch, unit_vector
 from holdfast.robots.sdf.vocabulary import sdf_notes
 from holdfast.robots.urdf.document import Element, quoted
@@ -31,7 +31,7 @@ LOOP_KINDS = {
     "screw": "screw", "universal": "universal", "revolute2": "universal",
 }  # fmt: skip
 AXES = {"fixed": (), "ball": (), "universal": ("axis", "axis2"), "revolute2": ("axis", "axis2")}
-PERPENDICULAR = 1e-6  # largest cosine between the axes of a universal joint that closes a loop
+SQUARE_AXES = 1e-6  # largest cosine between the axes of a universal joint that closes a loop
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ def _axis(axis: Element, joint: str, frames: SdfFrames) -> Array:
         return np.array([0.0, 0.0, 1.0])
     in_frame = xyz.attributes.get("expressed_in", "")
     if not in_frame and switch(axis.first("use_parent_model_frame"), False):
-        in_frame = MODEL
+        in_frame = MODEL_FRAME
     a = unit_vector(xyz)
     if not in_frame or in_frame == joint:
         return a
@@ -184,7 +184,7 @@ def massless(name: str, element: Element) -> UrdfLink:
     return UrdfLink(name, UrdfInertial(0.0, np.zeros(3), np.zeros((3, 3)), element), element, ())
 
 
-def closing(joint: SdfJoint) -> tuple[list[str]]:
+def closing(joint: SdfJoint) -> tuple[Closure, list[str]]:
     """Return the loop that a joint closes, and notes on its limits and dynamics, which a loop has not.
 
     Raises:
@@ -196,7 +196,7 @@ def closing(joint: SdfJoint) -> tuple[list[str]]:
     if joint.axes:
         x = joint.axes[0]
         y = joint.axes[1] if len(joint.axes) > 1 else np.roll(np.eye(3)[int(np.argmax(np.abs(x)))], 1)
-        if len(joint.axes) > 1 and abs(x @ y) > PERPENDICULAR:
+        if len(joint.axes) > 1 and abs(x @ y) > SQUARE_AXES:
             raise joint.element.refuse("axis2: expected an axis perpendicular to the first one, as it closes a loop")
         y = y - (y @ x) * x
         y = y / np.linalg.norm(y)

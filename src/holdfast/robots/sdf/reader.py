@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 import holdfast.robots.urdf.attributes as attributes
-from holdfast.robots.sdf.frames import WORLD, SdfFrames, sdf_frames
+from holdfast.robots.sdf.frames import SdfFrames, sdf_frames
 from holdfast.robots.sdf.joints import SdfJoint, closing, massless, sdf_joint, tree_joints
 from holdfast.robots.sdf.shapes import drawn
 from holdfast.robots.sdf.values import child_number, pose_in, switch
 from holdfast.robots.sdf.vocabulary import sdf_notes
 from holdfast.robots.urdf.document import Element, listed, quoted
 from holdfast.robots.urdf.inertial import link_inertial
-from holdfast.robots.urdf.robot import UrdfCoupling, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
+from holdfast.robots.urdf.robot import WORLD_LINK, UrdfCoupling, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
 from holdfast.robots.urdf.source import UrdfSource
 from holdfast.robots.urdf.tree import by_name, refuse_circles, root_of
 
@@ -50,9 +50,9 @@ def sdf_robot(root: Element, source: UrdfSource) -> UrdfRobot:
     hanging: dict[str, SdfJoint] = {}
     loops = [joint for joint in stated if hanging.setdefault(joint.child, joint) is not joint]
     joints: list[UrdfJoint] = []
-    if any(joint.parent == WORLD for joint in hanging.values()):
-        links.insert(0, massless(WORLD, model))
-    elif any(joint.parent == WORLD for joint in loops):
+    if any(joint.parent == WORLD_LINK for joint in hanging.values()):
+        links.insert(0, massless(WORLD_LINK, model))
+    elif any(joint.parent == WORLD_LINK for joint in loops):
         raise loops[0].element.refuse("parent: expected a joint between the world and the root link before it")
     for joint in hanging.values():
         own, between = tree_joints(joint)

@@ -12,7 +12,7 @@ from holdfast.robots.urdf.vocabulary import text_of
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-UNLIMITED = 1e16  # SDF's limits beyond it are none
+INFINITE_LIMIT = 1e16  # SDF's limits beyond it are none
 SWITCH = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -40,7 +40,7 @@ def child_limit(element: Element | None, tag: str, default: float) -> float:
     if stated.lower().lstrip("+-") in ("inf", "infinity"):
         return -math.inf if stated.startswith("-") else math.inf
     (value,) = parsed(child, tag, stated, size=1e300)
-    return value if abs(value) < UNLIMITED else math.copysign(math.inf, value)
+    return value if abs(value) < INFINITE_LIMIT else math.copysign(math.inf, value)
 
 
 def switch(element: Element | None, default: bool) -> bool:

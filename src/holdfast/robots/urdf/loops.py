@@ -66,7 +66,7 @@ def _closure(robot: UrdfRobot, name: Any, given: Any) -> Closure:
                 f"{checks.did_you_mean(str(kind), known)}"
             )
         try:
-            grasp, tip = Grasp(kind), Pose.identity()
+            grasp, tip = Grasp(kind), Pose.identity()  # pyright: ignore[reportArgumentType]
         except ModelError as cause:
             raise robot.element.refuse(f"loop_closures: {cause}; try a Closure") from cause
     else:
