@@ -265,7 +265,7 @@ ARM = (link("base"), link("arm"), joint("j", "revolute", "base", "arm", "0 0 1")
         (model(*ARM[:2], joint("j", "revolute", "base", "arm")), "expected <axis>, got none"),
         (model(*ARM[:2], joint("j", "revolute", "base", "arm", "0 0 x")), "expected 3 numbers"),
         (model(*ARM[:2], joint("j", "revolute", "base", "world", "0 0 1")), "not the world"),
-        (model(*ARM[:2], joint("j", "screw", "base", "arm", "0 0 1", "<thread_pitch>1</thread_pitch>")), "screw_thread"),
+        (model(*ARM[:2], joint("j", "screw", "base", "arm", "0 0 1", "<thread_pitch>1</thread_pitch>")), "<screw_thr"),
         (model(*ARM[:2], joint("j", "screw", "base", "arm", "0 0 1")), "expected <screw_thread_pitch>"),
         (model(*ARM).replace("<xyz>", '<xyz expressed_in="nowhere">'), "no link, joint or frame 'nowhere'"),
         (model(*ARM).replace("<mass>2", "<mas>2").replace("</mass>", "</mas>"), "Did you mean <mass>"),

@@ -63,7 +63,7 @@ WHY_REFUSED = {
     "joint": "a joint of the world; try the joints of one model",
     "fluid_added_mass": "no fluids are modelled",
     "density": "inertia of the shapes is not computed; try <mass> and <inertia>",
-    "thread_pitch": "read in several ways; try <screw_thread_pitch>, the travel of a turn [m]",
+    "thread_pitch": "an angle per length of the opposite sign, not read; try <screw_thread_pitch>, the travel of a turn [m]",
 }
 
 
@@ -81,7 +81,7 @@ def sdf_notes(element: Element) -> list[str]:
         effect = known.effect(child.tag)
         if effect == "refused":
             why = WHY_REFUSED.get(child.tag, "acts on the motion, and is not read")
-            raise child.refuse(f"expected none, since it is {why}" if why.startswith("a ") else why)
+            raise child.refuse(f"expected none, since it is {why}" if why.startswith(("a ", "an ")) else why)
         if effect == "read":
             if child.tag in seen and (element.tag, child.tag) not in SEVERAL:
                 raise child.refuse(f"expected one <{child.tag}>, got a second (first in line {seen[child.tag]})")
