@@ -181,6 +181,22 @@ def test_wrong_lists(given, message):
         hf.load_urdf(OPEN_FOUR_BAR, tip="coupler", lock_others=True, loop_closures=[HINGE])
 
 
+def test_a_joint_for_gazebo():
+    """A URDF file whose loop is stated for Gazebo moves as the SDF file, with branches; without, it says so."""
+    pin = joint("closing", "revolute", "r::coupler", "r::rocker", "0 1 0", "<pose>0 0 1 0 0 0</pose>")
+    text, found = OPEN_FOUR_BAR.replace("</robot>", f"<gazebo>{pin}</gazebo></robot>"), []
+    for arm in (hf.load_urdf(text, branches=True), hf.load_urdf(four_bar("revolute"), branches=True)):
+        angles = {"a": 0.4, "b": -0.4, "d": 0.4}
+        state = hf.State([angles[one.name] for one in arm.joints], np.zeros(3))
+        qdd = hf.forward_dynamics(hf.ClosedChain({"arm": arm}), state, np.zeros(3)).qdd
+        found.append(dict(zip([one.name for one in arm.joints], qdd.tolist(), strict=True)))
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
+    with pytest.raises(SceneError, match=r"closes a loop, which a serial arm cannot contain.*branches=True"):
+        hf.load_urdf(text, tip="coupler", lock_others=True)
+    with pytest.raises(SceneError, match="closes a loop"):
+        hf.load_urdf(text.replace('type="revolute"', 'type="gearbox"'), branches=True)
+
+
 def test_joints_of_several_freedoms():
     """A ball joint is spherical, a universal one two revolute ones, a screw travels by its pitch per turn."""
     text = model(

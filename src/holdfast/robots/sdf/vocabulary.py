@@ -63,7 +63,7 @@ WHY_REFUSED = {
     "joint": "a joint of the world; try the joints of one model",
     "fluid_added_mass": "no fluids are modelled",
     "density": "inertia of the shapes is not computed; try <mass> and <inertia>",
-    "thread_pitch": "an angle per length of the opposite sign, not read; try <screw_thread_pitch>, the travel of a turn [m]",
+    "thread_pitch": "an angle per length of the opposite sign; try <screw_thread_pitch>, the travel of a turn [m]",
 }
 
 

@@ -14,6 +14,7 @@ import holdfast.robots.urdf.attributes as attributes
 import holdfast.robots.urdf.extensions as extensions
 from holdfast.errors import SceneError
 from holdfast.model import checks
+from holdfast.robots.sdf.gazebo import with_gazebo_loops
 from holdfast.robots.sdf.reader import sdf_robot
 from holdfast.robots.urdf.document import Element, parse_document, quoted
 from holdfast.robots.urdf.inertial import link_inertial
@@ -86,7 +87,7 @@ def read_urdf(
         name, links, joints, root_of(root, links, joints), root, notes, folder, source.packages, couplings
     )
     refuse_circles(robot)
-    return robot
+    return with_gazebo_loops(robot)
 
 
 def _extensions(root: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> extensions.Extensions:
