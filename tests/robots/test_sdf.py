@@ -93,6 +93,29 @@ def test_loops(kind, grasp, rows, more):
         hf.load_urdf(text, base="base", tip="coupler", lock_others=True)
 
 
+def test_a_ring():
+    """If every link hangs on another one, the canonical link is the base; a switch of Simbody's cuts elsewhere."""
+    places = {"one": "0 0.2 0", "two": "0.2 0 0", "three": "0 -0.2 0", "four": "-0.2 0 0"}
+    names, at = [*places], ["-0.2 0 0", "0 0.2 0", "0.2 0 0", "0 -0.2 0"]
+    parts = [link(name, f"{xyz} 0 0 0") for name, xyz in places.items()]
+    parts += [
+        joint(f"above {names[k]}", "revolute", names[k - 1], names[k], "0 0 1", f"<pose>{at[k]} 0 0 0</pose>")
+        for k in range(4)
+    ]
+    for text, base in (
+        (model(*parts), "one"),
+        (model(*parts).replace('name="m"', 'name="m" canonical_link="two"'), "two"),
+    ):
+        found = urdf_chain(text, branches=True)
+        assert found.base == base and [*found.arm.loops] == [f"above {base}"]
+        chain = hf.ClosedChain({"ring": found.arm})
+        assert hf.diagnose(chain, hf.State(np.zeros(3), np.zeros(3))).mobility == 1
+    cut = "<physics><simbody><must_be_loop_joint>true</must_be_loop_joint></simbody></physics>"
+    twice = joint("first", "revolute", "one", "two", "0 0 1", cut), joint("second", "revolute", "three", "two", "0 0 1")
+    chosen = hf.load_urdf(model(*parts[:3], *twice, joint("third", "revolute", "one", "three", "0 0 1")), branches=True)
+    assert [*chosen.loops] == ["first"]
+
+
 def test_four_bar_moves():
     """Gravity moves the parallelogram as one equation says: its two cranks and the coupler, 2 kg each."""
     arm = hf.load_urdf(four_bar("revolute"), branches=True)

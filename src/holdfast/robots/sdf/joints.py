@@ -18,7 +18,7 @@ from holdfast.robots.sdf.values import child_limit, child_number, switch, unit_v
 from holdfast.robots.sdf.vocabulary import sdf_notes
 from holdfast.robots.urdf.document import Element, quoted
 from holdfast.robots.urdf.robot import SDF_BALL, SDF_SCREW, Mimic, UrdfInertial, UrdfJoint, UrdfLink
-from holdfast.robots.urdf.vocabulary import text_of
+from holdfast.robots.urdf.vocabulary import extension_notes, text_of
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
@@ -31,6 +31,7 @@ LOOP_KINDS = {
     "screw": "screw", "universal": "universal", "revolute2": "universal",
 }  # fmt: skip
 AXES = {"fixed": (), "ball": (), "universal": ("axis", "axis2"), "revolute2": ("axis", "axis2")}
+ENGINES_OF_JOINTS = ("ode", "simbody")
 SQUARE_AXES = 1e-6  # largest cosine between the axes of a universal joint that closes a loop
 
 
@@ -68,8 +69,15 @@ class SdfJoint:
 
 
 def sdf_joint(element: Element, frames: SdfFrames) -> SdfJoint:
-    """Return a joint as its file states it."""
+    """Return a joint as its file states it.
+
+    Raises:
+        SceneError: its type is unknown, an end is none of the model, or something cannot be read.
+    """
     notes = sdf_notes(element)
+    for physics in (child for child in element.children if child.tag == "physics"):
+        for one in (physics, *(engine for engine in physics.children if engine.tag in ENGINES_OF_JOINTS)):
+            notes += [note for note in extension_notes(one, "sdf physics") if "must_be_loop_joint" not in note]
     name, kind = attributes.name(element), attributes.name(element, "type")
     if kind not in TREE_KINDS:
         raise element.refuse(
@@ -90,6 +98,13 @@ def sdf_joint(element: Element, frames: SdfFrames) -> SdfJoint:
         own["fault"] = fault
     on_parent, on_child = (frames.between(link, name, element) for link in (parent, child))
     return SdfJoint(name, kind, parent, child, on_parent, on_child, element, tuple(notes), **own)
+
+
+def must_close(element: Element) -> bool:
+    """Return whether a joint closes a loop by Simbody's switch."""
+    physics = element.first("physics")
+    simbody = None if physics is None else physics.first("simbody")
+    return switch(None if simbody is None else simbody.first("must_be_loop_joint"), False)
 
 
 def _axis(axis: Element, joint: str, frames: SdfFrames) -> Array:

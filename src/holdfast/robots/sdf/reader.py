@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 import holdfast.robots.urdf.attributes as attributes
-from holdfast.robots.sdf.frames import SdfFrames, sdf_frames
-from holdfast.robots.sdf.joints import SdfJoint, closing, massless, sdf_joint, tree_joints
+from holdfast.robots.sdf.frames import MODEL_FRAME, SdfFrames, sdf_frames
+from holdfast.robots.sdf.joints import SdfJoint, closing, massless, must_close, sdf_joint, tree_joints
 from holdfast.robots.sdf.shapes import drawn
 from holdfast.robots.sdf.values import child_number, pose_in, switch
 from holdfast.robots.sdf.vocabulary import sdf_notes
@@ -24,7 +24,8 @@ VERSIONS = tuple(f"1.{k}" for k in range(6, 13))
 def sdf_robot(root: Element, source: UrdfSource) -> UrdfRobot:
     """Return the links and joints of the one model in an SDF file.
 
-    A model without a joint to the world stands on its root link, wherever its <pose> is.
+    A model without a joint to the world stands on its root link, wherever its <pose> is. If its joints go round, this
+    is the canonical link, and the joint above it closes the loop.
 
     Args:
         root: the <sdf> element.
@@ -46,9 +47,13 @@ def sdf_robot(root: Element, source: UrdfSource) -> UrdfRobot:
         notes.append(model.required("static").message("not read: its joints move, as far as they are not locked"))
     frames = sdf_frames(model)
     links = [_link(child) for child in model.children if child.tag == "link"]
-    stated = [sdf_joint(child, frames) for child in model.children if child.tag == "joint"]
+    elements = sorted((child for child in model.children if child.tag == "joint"), key=must_close)
+    stated = [sdf_joint(child, frames) for child in elements]
     hanging: dict[str, SdfJoint] = {}
     loops = [joint for joint in stated if hanging.setdefault(joint.child, joint) is not joint]
+    if links and {link.name for link in links} <= hanging.keys():
+        on_world = any(joint.parent == WORLD_LINK for joint in hanging.values())
+        loops += [] if on_world else [hanging.pop(frames.link(MODEL_FRAME, model))]
     joints: list[UrdfJoint] = []
     if any(joint.parent == WORLD_LINK for joint in hanging.values()):
         links.insert(0, massless(WORLD_LINK, model))

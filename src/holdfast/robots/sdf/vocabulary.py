@@ -13,7 +13,7 @@ SDF_VOCABULARY = {
         ("model",),
         (
             "physics", "scene", "light", "atmosphere", "magnetic_field", "spherical_coordinates", "audio", "gui",
-            "plugin", "state", "road", "frame", "population",
+            "namespace", "plugin", "state", "road", "frame", "population",
         ),
         noted=("gravity", "wind", "actor"),
         refused=("include", "joint"),
@@ -21,7 +21,7 @@ SDF_VOCABULARY = {
     "model": Vocabulary(
         ("name", "canonical_link"),
         ("link", "joint", "frame", "pose", "static"),
-        ("placement_frame", "self_collide", "allow_auto_disable", "plugin", "gripper"),
+        ("namespace", "placement_frame", "self_collide", "allow_auto_disable", "plugin", "gripper"),
         noted=("enable_wind",),
         refused=("model", "include"),
     ),
