@@ -85,13 +85,13 @@ def main(out: Path = OUT) -> dict[str, Any]:
             print(f"  presses with {np.round(pressing, 2)} N, needs friction {slips.max():.2f}")
             axes.add_patch(Circle((0, 0), RADIUS, fill=False, color="0.6"))
             for k, (p, f) in enumerate(zip(points, forces, strict=True)):
-                colour = arm_style(k // 3)[0]
-                axes.arrow(p[1], p[2], f[1] / 200, f[2] / 200, color=colour, width=1e-3, head_width=8e-3)
-            axes.set(title=name, xlabel="y [m]", aspect="equal", xlim=(-0.25, 0.25), ylim=(-0.2, 0.2))
+                axes.arrow(*p[1:], *f[1:] / 200, color=arm_style(k // 3)[0], width=1e-3, head_width=8e-3)
+            axes.set(title=name, xlabel="y [m]", aspect="equal", xlim=(-0.2, 0.2), ylim=(-0.15, 0.15))
             moment = result.grasp_wrench[:6, :3].sum(axis=0) + np.cross(points, forces).sum(axis=0)
             balance = np.append(forces.sum(axis=0) - [0, 0, BALL.mass * 9.81], moment)
             found[name] = {"rank": told.rank, "rows": told.rows, "balance": float(np.abs(balance).max()),
                            "moved": float(np.abs(result.qdd).max()), "pressing": pressing}  # fmt: skip
+        figure.supylabel("z [m]", fontsize=8)
         figure.savefig(out / "23_two_hands.png", dpi=DPI)
     return found
 

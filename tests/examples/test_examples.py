@@ -301,4 +301,4 @@ def test_two_hands(run):
         assert one["balance"] < 1e-11
         assert one["moved"] < 1e-9
         assert one["pressing"][3:] == pytest.approx(found["points"]["pressing"][3:], rel=1e-9)
-    assert "3 among grasp ('left', 'tip1'), grasp ('left', 'tip2'), grasp ('left', 'tip3')" in printed
+    assert "here and nearby: among grasp ('left', 'tip1'), grasp ('left', 'tip2'), grasp ('left', 'tip3')" in printed

@@ -291,7 +291,8 @@ def _where(forest: Forest, groups: Sequence[UndeterminedForces]) -> str:
     found = []
     for group in groups:
         *most, last = _closing(forest, group.closures, group.couplings)
-        found.append(f"{group.number} among {', '.join(most)} and {last}" if most else f"{group.number} in {last}")
+        count = f"{group.number} " if len(groups) > 1 else ""
+        found.append(f"{count}among {', '.join(most)} and {last}" if most else f"{count}in {last}")
     return f": {', '.join(found)}"
 
 
