@@ -55,7 +55,7 @@ def test_errors_decay():
     for t, e in zip(long.t, error, strict=True):
         wanted = error[0] * (1.0 + 20.0 * t) * np.exp(-20.0 * t)
         assert np.abs(e - wanted).max() < 1e-8
-    assert np.abs(long.energy_imbalance).max() < 1e-6
+    assert np.abs(long.imbalance).max() < 1e-6
 
 
 def test_refusals():

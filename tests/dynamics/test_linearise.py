@@ -16,6 +16,7 @@ from tests.derivatives.moved import tangent
 from tests.longer import mostly_long
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
+from tests.systems.four_bar import held_four_bar, held_state
 from tests.systems.trunk_runs import still_base
 
 
@@ -24,8 +25,7 @@ def test_four_bar(damping, published):
     """IFToMM's linkage on its spring: a planar loop in space, whose forces are not unique; one freedom."""
     still = four_bar.four_bar()
     angle = root_scalar(lambda x: four_bar.acceleration(still, x, 0.0), bracket=(2.0, 2.5), xtol=1e-15).root
-    state = hf.State([angle] * 2, [0.0] * 2, [1, 0, 0, 0, 0.5 + np.cos(angle), np.sin(angle), 0])
-    model = hf.linearise(four_bar.four_bar(damping), state, np.zeros(2))
+    model = hf.linearise(held_four_bar(damping), held_state(angle), np.zeros(2))
     assert model.A.shape == (2, 2)
     assert np.abs(model.rate).max() < 1e-12
     assert np.abs(np.linalg.eigvals(model.A) - published).min() < 1e-8

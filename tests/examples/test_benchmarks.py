@@ -8,6 +8,7 @@ import pytest
 
 import holdfast as hf
 from tests.examples.test_examples import EXAMPLES, script
+from tests.systems.four_bar import held_four_bar, held_state
 from tests.systems.n_four_bar import passing_times
 
 FOLDER = EXAMPLES / "benchmarks"
@@ -32,6 +33,11 @@ def test_four_bar(capsys):
     assert found["angle"] == pytest.approx(four_bar.ANGLE, abs=1e-10)
     for name, published in (("spring", four_bar.SPRING), ("damper", four_bar.DAMPER)):
         assert abs(found[name] - published) < 1e-9
+    linkage = four_bar.four_bar()
+    assert linkage.arms["rods"].loops and not linkage.objects and linkage.held_object is None
+    for angle, rate, damping in ((1.2, 0.7, 0.0), (2.1, -1.5, 1.0)):  # as with the rod B-C held by two cranks
+        held = hf.forward_dynamics(held_four_bar(damping), held_state(angle, rate), np.zeros(2)).qdd[0]
+        assert four_bar.acceleration(linkage, angle, rate, damping) == pytest.approx(held, rel=1e-12)
 
     mp = mpmath.mp.clone()
     mp.dps = 30

@@ -38,8 +38,8 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 
 def test_the_ladder():
-    """Seventeen of them, none longer than a hundred lines, each in the table of the folder's README."""
-    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in range(1, 18)]
+    """None longer than a hundred lines, each in the table of the folder's README."""
+    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in (*range(1, 18), *range(19, 24))]
     table = (EXAMPLES / "README.md").read_text()
     for path in SCRIPTS:
         assert len(path.read_text().splitlines()) <= 100, path.name
@@ -243,3 +243,62 @@ def test_gripper(run):
     assert found["deviation"] < 1e-10
     assert found["moved"] < 1e-10
     assert "9.091, 14.143 N" in printed
+
+
+@pytest.mark.slow
+def test_robotiq(run):
+    """The motor's grip is what virtual work says, and moves nothing; its work and a push's are the energy gained."""
+    found, printed = run("19")
+    assert "rank 18 of 25, mobility 6" in printed
+    assert found["deviation"] < 1e-11
+    assert found["moved"] < 1e-11
+    assert found["energy_error"] < 1e-5 < found["kinetic"]
+    assert "3 in loop 'ur5e/left', 3 in loop 'ur5e/right'" in printed
+    assert "1 among grasp ('ur5e', 'left_pad') and grasp ('ur5e', 'right_pad')" in printed
+
+
+@pytest.mark.slow
+def test_palletisers(run):
+    """Torques as Roberval says, wherever the load is; two of them keep it level to rounding."""
+    found, printed = run("20")
+    assert found["offset"] < 1e-10
+    assert found["still"] < 1e-11
+    assert found["tilt"] < 1e-13
+    assert found["rise"] > 0.01
+    assert found["energy_error"] < 1e-6
+    assert "rank 18 of 32, mobility 4" in printed
+
+
+@pytest.mark.slow
+def test_lid_on_a_pot(run):
+    """The impulse on the pot is its change of momentum; in the end one hand carries pot and lid."""
+    found, printed = run("21")
+    assert found["lost"] < -1e-3
+    assert found["energy_error"] < 1e-15
+    assert found["momentum_error"] < 1e-12
+    assert found["end"] == pytest.approx(3.5 * 9.81, rel=2e-3)
+    assert found["imbalance"] < 1e-4
+    assert "regular, rank 18, mobility 8" in printed
+
+
+@pytest.mark.slow
+def test_two_free_flyers(run):
+    """Linear and angular momentum are printed alike before and after; the drives' work is the energy gained."""
+    found, printed = run("22")
+    assert found["momentum_error"] < 5e-6
+    assert found["gained"] > 1.0
+    assert found["work"] == pytest.approx(found["gained"], rel=1e-4)
+    start, end = (line.partition(":")[2] for line in printed.splitlines() if line.startswith("momentum"))
+    assert start == end
+
+
+@pytest.mark.slow
+def test_two_hands(run):
+    """Six points and six soft fingertips are unique; three forces of a braked hand are not, and are named."""
+    found, printed = run("23")
+    assert [(one["rank"], one["rows"]) for one in found.values()] == [(18, 18), (24, 24), (24, 27)]
+    for one in found.values():
+        assert one["balance"] < 1e-11
+        assert one["moved"] < 1e-9
+        assert one["pressing"][3:] == pytest.approx(found["points"]["pressing"][3:], rel=1e-9)
+    assert "here and nearby: among grasp ('left', 'tip1'), grasp ('left', 'tip2'), grasp ('left', 'tip3')" in printed

@@ -65,7 +65,8 @@ class GravityCompensation(Frozen):
         """
         if answered_as_forest(self.chain):
             require_state(self.chain, state)
-            held = mechanism_holding(self.chain, state.at_rest(), None, self.internal_force, check=False)
+            rest = state.at_rest()  # of a stage within a step, which is closed but for the step's error
+            held = mechanism_holding(self.chain, rest, None, self.internal_force, check=False)
             return held - self.joint_damping * driven_joints(self.chain) * state.qd, memory
         require_fit(self.chain, state)
         found = by_machine_code(self, t, state, memory)

@@ -10,6 +10,7 @@ the arms.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +27,10 @@ from holdfast.dynamics.result import Status
 from holdfast.dynamics.smallest_forces import with_smallest_forces
 from holdfast.dynamics.tree.mechanism_impulse import MechanismAttachment, grasp_ends, mechanism_attach
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
-from holdfast.errors import ClosureError
+from holdfast.errors import ClosureError, ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closure import Closure
 from holdfast.model.grasp import Grasp
 from holdfast.model.serial_chain import answered_as_forest
 from holdfast.names import called
@@ -71,21 +73,21 @@ def attach(
     chain: ClosedChain,
     state: State,
     name: str | tuple[str, str],
-    grasp: Grasp,
+    grasp: Grasp | Closure,
     *,
     here: bool = False,
     inputs: Inputs | None = None,
     tolerance: float = POSITION_TOLERANCE,
 ) -> Attachment:
-    """Return the chain and its velocities after an arm has grasped the object.
+    """Return the chain and its velocities after an arm has grasped the object, or a loop has closed.
 
     The impulses are computed by the object's filter in O(n) + O(l). The check whether they are unique costs O(n l^2).
 
     Args:
         chain: the chain.
         state: positions and velocities before; they must satisfy the chain's grasps.
-        name: an arm without a grasp, or (arm, frame) of a chain with branches.
-        grasp: the grasp to close.
+        name: an arm without a grasp, or (arm, frame) of a chain with branches; the name of a new loop.
+        grasp: the grasp to close; a `Closure` for a loop, for example of an object onto another.
         here: move the grasp's frame to the tip, see `grasp_here`. Otherwise the tip must be at the frame.
         inputs: base motion, if the bases move.
         tolerance: largest accepted position gap of the new grasp [m and rad].
@@ -94,12 +96,12 @@ def attach(
         An `Attachment`; for a chain with branches, loops, couplings or several objects a `MechanismAttachment`.
 
     Raises:
-        ModelError: there is no such arm, or it already has a grasp.
+        ModelError: there is no such arm, or it already has a grasp; the chain has a loop of this name.
         StateError: a shape is wrong, or the state violates the grasps before.
         ClosureError: the tip is not at the grasp, the grasp cannot be moved to the tip, or no velocities satisfy all
             grasps with the given motion of the bases.
     """
-    if answered_as_forest(chain) or not isinstance(name, str):
+    if answered_as_forest(chain) or not isinstance(name, str) or isinstance(grasp, Closure):
         found = forest_attach(chain, state, name, grasp, here=here, inputs=inputs, tolerance=tolerance)
         return found  # pyright: ignore[reportReturnType]
     require_fit(chain, state)
@@ -121,7 +123,7 @@ def forest_attach(
     chain: ClosedChain,
     state: State,
     name: str | tuple[str, str],
-    grasp: Grasp,
+    grasp: Grasp | Closure,
     *,
     here: bool = False,
     inputs: Inputs | None = None,
@@ -129,25 +131,47 @@ def forest_attach(
 ) -> MechanismAttachment:
     """Return the result of `attach` by the forest of any chain."""
     checks.instance(chain, ClosedChain, "chain")
-    closed = chain.with_grasp(name, grasp)
+    closed = _with(chain, name, grasp)
     if here:
-        closed = chain.with_grasp(name, grasp_here(grasp, *grasp_ends(closed, state, name), str(name)))
+        closed = _with(chain, name, _moved_here(closed, state, name, grasp))
     limit = checks.number(tolerance, "tolerance", at_least=0.0)
     return mechanism_attach(chain, closed, state, name, limit, inputs)
 
 
 def release(chain: ClosedChain, name: str | tuple[str, str]) -> ClosedChain:
-    """Return the chain with one grasp opened; there is no impulse, and all velocities stay the same. O(1).
+    """Return the chain with one grasp or loop opened; there is no impulse, and all velocities stay the same. O(1).
 
     Args:
         chain: the chain.
-        name: an arm with a grasp, or (arm, frame).
+        name: an arm with a grasp, or (arm, frame); one of the chain's own `loops`.
 
     Raises:
-        ModelError: there is no such grasp.
+        ModelError: there is no such grasp or loop.
     """
     checks.instance(chain, ClosedChain, "chain")
+    if isinstance(name, str) and name in chain.loops:
+        return replace(chain, loops={key: loop for key, loop in chain.loops.items() if key != name})
     return chain.without_grasp(name)
+
+
+def _with(chain: ClosedChain, name: str | tuple[str, str], grasp: Grasp | Closure) -> ClosedChain:
+    """Return the chain with a further grasp or loop."""
+    if not isinstance(grasp, Closure):
+        return chain.with_grasp(name, grasp)
+    checks.name(name, "loop: name")
+    if name in chain.loops:
+        raise ModelError(f"loop '{name}': expected a new name, since this loop is closed; try release first")
+    return replace(chain, loops={**chain.loops, name: grasp})
+
+
+def _moved_here(closed: ClosedChain, state: State, name: str | tuple[str, str], grasp: Grasp | Closure) -> Any:
+    """Return a grasp or loop of a chain, closed as its ends stand; see `grasp_here`."""
+    body, tip = grasp_ends(closed, state, name)
+    if not isinstance(grasp, Closure):
+        return grasp_here(grasp, body, tip, str(name))
+    on_body = closed.as_forest.forest.closures[closed.as_forest.closures[name]].grasp.frame
+    end = body @ on_body @ grasp.grasp.frame.inverse()  # the frame of b, in which that of the grasp is given
+    return replace(grasp, grasp=grasp_here(grasp.grasp, end, tip, str(name)))
 
 
 def grasp_here(grasp: Grasp, object_frame: Pose, tip: Pose, name: str = "") -> Grasp:

@@ -73,7 +73,7 @@ class JointTable(PoseTable, kw_only=True):
 
 
 class UrdfTable(KeyTable):
-    """An arm from a URDF or xacro file, see `load_urdf`; `file` is relative to the scene's folder.
+    """An arm from a URDF, SDF or xacro file, see `load_urdf`; `file` is relative to the scene's folder.
 
     `armature` is the inertia of the drives reflected to their joints [kg m^2 or kg], which URDF cannot express.
     `stiffness` [N m/rad or N/m] and `rest` [rad or m] define springs in the joints.
@@ -91,7 +91,7 @@ class UrdfTable(KeyTable):
 
 
 class TrunkUrdfTable(UrdfTable, kw_only=True):
-    """A trunk from a URDF or xacro file: the joints from `base` to `tip`, or the joints shared by the arms in `tips`.
+    """A trunk from a URDF, SDF or xacro file: the joints from `base` to `tip`, or those shared by the arms in `tips`.
 
     `tips` maps the name of an arm to the link of its tip, see `load_urdf_trunk`. With `floating`, the base link and all
     links fixed to it are a free-floating body.

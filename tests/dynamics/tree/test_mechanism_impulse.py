@@ -91,3 +91,37 @@ def test_by_a_finger_where_it_is():
         dynamics.attach(done.chain, done.state, key, grasp)
     with pytest.raises(ModelError, match=r"grasp \('arm2', 'pad2'\): no such grasp"):
         dynamics.release(done.chain, ("arm2", "pad2"))
+
+
+def test_a_loop_between_objects():
+    """A lid that is joined to a pot while both move gets the impulses that change its momentum."""
+    p = branched_problems()["pot and lid"]
+    chain, state = dynamics.release(p.chain, "knob"), hf.close(dynamics.release(p.chain, "knob"), p.state)
+    state = replace(state, qd=state.qd + np.where(np.arange(len(state.qd)) == 8, 0.3, 0.0))
+    state = hf.close(chain, state)
+    assert not chain.loops
+    on = hf.Closure("object", "lid", hf.Grasp("rigid"))
+    done = dynamics.attach(chain, state, "rest", on, here=True)
+    assert list(done.chain.loops) == ["rest"]
+    kinetic = [dynamics.kinetic_energy(one, s) for one, s in ((chain, state), (done.chain, done.state))]
+    assert done.energy_change == pytest.approx(kinetic[1] - kinetic[0], rel=1e-9)
+    assert done.energy_change < 0.0
+    k = list(chain.free_objects).index("lid")
+    jump, body = (done.state.object_twist - state.object_twist)[k], chain.objects["lid"]
+    com = hf.Pose.from_wxyz_xyz(state.object_pose[k]).R @ body.com
+    impulse = done.by_grasp["rest"][3:] + done.by_grasp["arm2", "link6"][3:]
+    assert gap(impulse, body.mass * (jump[3:] + np.cross(jump[:3], com))) < 1e-10
+    hf.forward_dynamics(done.chain, done.state, p.tau)  # which is closed
+    with pytest.raises(ModelError, match="loop 'rest': expected a new name"):
+        dynamics.attach(done.chain, done.state, "rest", on)
+    assert not dynamics.release(done.chain, "rest").loops
+
+
+def test_a_loop_at_a_frame():
+    """A closure to a frame that is not the origin of its link closes where the ends are, too."""
+    p = branched_problems()["grippers"]
+    arm = next(name for name, one in p.chain.arms.items() if "pad1" in one.frames)
+    hinge = hf.Closure(None, f"{arm}/pad1", hf.Grasp("ball"), hf.Pose.translation(0.3, 0.2, 0.4))
+    done = dynamics.attach(p.chain, p.state, "held", hinge, here=True)
+    hf.forward_dynamics(done.chain, done.state, p.tau)
+    assert "held" in done.chain.loops and done.energy_change < 0.0

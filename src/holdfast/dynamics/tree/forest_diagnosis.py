@@ -21,11 +21,12 @@ from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, reach, turning
 from holdfast.dynamics.tree.plan import plan_of
+from holdfast.dynamics.tree.undetermined_forces import UndeterminedForces, undetermined_forces
 from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced, displacement
 from holdfast.errors import ClosureError, SingularChainError
-from holdfast.model.forest import GROUND, Forest
+from holdfast.model.forest import GROUND, Forest, JointCoupling
 from holdfast.names import called
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import Frozen, changed
 from holdfast.spatial.scalar import Array
 
 STEPS_TAKEN_BACK = (5e-3, 5e-4, 5e-5)  # rad, or fractions of the forest's reach: near a singular posture short ones
@@ -161,9 +162,8 @@ def judged(forest: Forest, part: ForestPart, q: Array) -> PartDiagnosis:
         part: one of the parts of its plan.
         q: (n_q,) closed positions.
     """
-    own = Forest(
-        forest.bodies, [forest.closures[i] for i in part.closures], [forest.couplings[i] for i in part.couplings]
-    )
+    couplings = [_as_it_stands(forest, forest.couplings[i], q) for i in part.couplings]
+    own = Forest(forest.bodies, [forest.closures[i] for i in part.closures], couplings)
     rows, motion = own.constraint_row_count, _at_rest(own, q)
     rank = generic = int(by_plan(motion).rank)
     status: PartStatus = "regular"
@@ -173,12 +173,22 @@ def judged(forest: Forest, part: ForestPart, q: Array) -> PartDiagnosis:
         generic = alone.generic_rank(rank)
         status = "indeterminate"
         words = f"{_count(rows - rank, 'force')} of closures or couplings that nothing determines, here and nearby"
+        words += _where(own, undetermined_forces(motion, rank))
         if rank < generic:
             status, words = "singular", f"{_count(generic - rank, 'motion')} more than nearby"
         elif not alone.velocities_are_motions(rank):
             status, words = "singular", "some velocities that its closures allow begin no motion"
     bodies = tuple(sorted(part.members))
     return PartDiagnosis(_name(forest, part), bodies, part.closures, part.couplings, rank, generic, rows, status, words)
+
+
+def _as_it_stands(forest: Forest, coupling: JointCoupling, q: Array) -> JointCoupling:
+    """Return a coupling that keeps its sum of positions in postures nearby, where they add up."""
+    joints = [forest.bodies[body].joint.of_kind for body, _, _ in coupling.terms]
+    if coupling.offset is not None or any(joint.pose for joint in joints):
+        return coupling
+    total = sum(c * float(q[forest.positions[body].start + component]) for body, component, c in coupling.terms)
+    return changed(coupling, offset=total)
 
 
 class _Alone:
@@ -245,10 +255,15 @@ def _name(forest: Forest, part: ForestPart) -> str:
     bodies = [name for _, name in names if name]
     unnamed = [k for k, name in names if not name]
     bodies += [_listed("body", "bodies", unnamed)] if unnamed else []
-    by = _named("closure", "closures", part.closures, [c.name for c in forest.closures])
-    by += _named("coupling", "couplings", part.couplings, [c.name for c in forest.couplings])
+    by = _closing(forest, part.closures, part.couplings)
     listed = " and ".join(by) if len(by) < 3 else ", ".join(by)
     return f"{listed} ({', '.join(bodies)}{' on the ground' if part.root == GROUND else ''})"
+
+
+def _closing(forest: Forest, closures: Sequence[int], couplings: Sequence[int]) -> list[str]:
+    """Return closures and couplings by their names or else their numbers."""
+    by = _named("closure", "closures", closures, [c.name for c in forest.closures])
+    return by + _named("coupling", "couplings", couplings, [c.name for c in forest.couplings])
 
 
 def _named(one: str, several: str, numbers: Sequence[int], names: Sequence[str]) -> list[str]:
@@ -267,6 +282,18 @@ def _listed(one: str, several: str, numbers: Sequence[int]) -> str:
             rows.append([k])
     shown = [f"{row[0]} .. {row[-1]}" if len(row) > 2 else ", ".join(map(str, row)) for row in rows]
     return f"{one if len(numbers) == 1 else several} {', '.join(shown)}"
+
+
+def _where(forest: Forest, groups: Sequence[UndeterminedForces]) -> str:
+    """Return which closures and couplings share the forces that nothing determines; nothing if all share all."""
+    if len(groups) == 1 and len(groups[0].closures + groups[0].couplings) == len([*forest.closures, *forest.couplings]):
+        return ""
+    found = []
+    for group in groups:
+        *most, last = _closing(forest, group.closures, group.couplings)
+        count = f"{group.number} " if len(groups) > 1 else ""
+        found.append(f"{count}among {', '.join(most)} and {last}" if most else f"{count}in {last}")
+    return f": {', '.join(found)}"
 
 
 def _count(count: int, what: str) -> str:

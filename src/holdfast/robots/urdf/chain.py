@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any, TypedDict, Unpack
+from typing import Any, Unpack
 
 import holdfast.robots.urdf.chain_checks as chain_checks
 from holdfast.errors import CallError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.model.joint import Joint
-from holdfast.model.link import Link
 from holdfast.names import did_you_mean
 from holdfast.robots.notes import show_notes
-from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, welded_link
+from holdfast.robots.urdf.arm_parts import LoopClosures, UrdfOptions, joints_and_links, plain
+from holdfast.robots.urdf.bodies import FoldedChain
 from holdfast.robots.urdf.branches import folded_arm, leaving_free, mimicry
 from holdfast.robots.urdf.document import quoted
+from holdfast.robots.urdf.loops import loops_within, with_loop_closures
 from holdfast.robots.urdf.path import (
     Locks,
     PassedJoint,
@@ -28,25 +28,10 @@ from holdfast.robots.urdf.path import (
     resting_position,
 )
 from holdfast.robots.urdf.reader import read_urdf
-from holdfast.robots.urdf.robot import MOVABLE, UrdfRobot
+from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.source import UrdfSource
 from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
-
-JOINT_FIELDS = ("position_limits", "rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
-
-
-class UrdfOptions(TypedDict, total=False):
-    """The keywords that `load_urdf`, `load_urdf_arms`, `load_urdf_trunk`, `urdf_chain` and `urdf_chains` share."""
-
-    locked: Mapping[str, float] | None
-    lock_others: bool
-    branches: bool
-    mount: Any
-    physical: bool
-    xacro_args: Mapping[str, str] | None
-    trust_xacro: bool
-    packages: Mapping[str, str | PathLike[str]] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +77,9 @@ def load_urdf(
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
     packages: Mapping[str, str | PathLike[str]] | None = None,
+    loop_closures: LoopClosures | None = None,
 ) -> Arm:
-    """Return the arm between two links of a URDF file. O(links).
+    """Return the arm between two links of a URDF or SDF file. O(links).
 
     Links that are fixed to one another are combined. Other links on the base are left out, because they do not affect
     the arm. Other links on the arm are part of it, so joints off the path from base to tip (of fingers, or of another
@@ -105,7 +91,7 @@ def load_urdf(
     and must be fixed to one that has mass.
 
     Args:
-        path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).
+        path_or_text: a URDF or SDF file, the text itself, or a `.xacro` file (see `read_urdf`).
         base: name of the base link; by default the root.
         tip: name of the link whose frame is the tip frame; by default the only end link.
         locked: positions of joints to lock [rad or m], by name. A joint that mimics a locked one is locked, too.
@@ -119,6 +105,9 @@ def load_urdf(
         xacro_args: values of the file's <xacro:arg> elements by name.
         trust_xacro: whether to expand a `.xacro` file, which runs the Python code in it.
         packages: folders of packages by name, for `$(find name)` and `package://name` (see `read_urdf`).
+        loop_closures: loops that the file does not state, with `branches`: a list of (a, b) or (a, b, kind), of links
+            whose frames a grasp kind brings together, a ball by default; or of closures between links; or these by
+            name. They become `Arm.loops`.
 
     Warns:
         ModelWarning: once, with all notes on what was not read, or was interpreted differently from the file.
@@ -131,6 +120,7 @@ def load_urdf(
     """
     options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
     options |= {"branches": branches, "xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
+    options |= {"loop_closures": loop_closures}
     chain = urdf_chain(path_or_text, base=base, tip=tip, **options)
     show_notes(chain.arm.notes)
     return chain.arm
@@ -148,6 +138,7 @@ def load_urdf_arms(
     xacro_args: Mapping[str, str] | None = None,
     trust_xacro: bool = False,
     packages: Mapping[str, str | PathLike[str]] | None = None,
+    loop_closures: LoopClosures | None = None,
 ) -> dict[str, Arm]:
     """Return several arms of one robot, each with its base at its place on the robot. O(arms links).
 
@@ -168,6 +159,7 @@ def load_urdf_arms(
         xacro_args: as for `load_urdf`.
         trust_xacro: as for `load_urdf`.
         packages: as for `load_urdf`.
+        loop_closures: as for `load_urdf`; each within one arm.
 
     Warns:
         ModelWarning: as for `load_urdf`, once for all arms.
@@ -177,6 +169,7 @@ def load_urdf_arms(
     """
     options: UrdfOptions = {"locked": locked, "lock_others": lock_others, "mount": mount, "physical": physical}
     options |= {"branches": branches, "xacro_args": xacro_args, "trust_xacro": trust_xacro, "packages": packages}
+    options |= {"loop_closures": loop_closures}
     chains = urdf_chains(path_or_text, arms, **options)
     show_notes(note for chain in chains.values() for note in chain.arm.notes)
     return {name: chain.arm for name, chain in chains.items()}
@@ -288,12 +281,13 @@ def read_robot(path_or_text: str | PathLike[str] | UrdfSource, options: UrdfOpti
     if unknown := options.keys() - known.keys():
         hint = did_you_mean(min(unknown), known)
         raise CallError(f"URDF: got an unexpected keyword argument '{min(unknown)}'.{hint}")
-    return read_urdf(
+    robot = read_urdf(
         path_or_text,
         xacro_args=options.get("xacro_args"),
         trust_xacro=options.get("trust_xacro", False),
         packages=options.get("packages"),
     )
+    return with_loop_closures(robot, options.get("loop_closures"))
 
 
 def locks_of(robot: UrdfRobot, paths: Collection[list[PassedJoint]], options: UrdfOptions) -> Locks:
@@ -314,7 +308,9 @@ def mount_of(options: UrdfOptions) -> Pose:
 def _alone(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
     """Return an arm to which nothing outside of it is coupled."""
     chain = chain_of(locks, folded, mount, options)
-    notes = chain_checks.coupling_notes(locks.robot, chain.bodies, [joint.name for joint in chain.arm.joints])
+    loops = chain.arm.loops if options.get("branches") else None
+    moving = [joint.name for joint in chain.arm.joints]
+    notes = chain_checks.coupling_notes(locks.robot, chain.bodies, moving, loops=loops)
     arm = replace(chain.arm, notes=(*notes, *chain.arm.notes))
     return replace(chain, arm=arm, notes=(*notes, *chain.notes))
 
@@ -335,10 +331,10 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
     notes += [*changed, *unread]
     arm = Arm(joints, links, Pose.identity(), mount, robot.name, visuals, notes, folded.parents)
     if options.get("branches"):
-        frames = {name: (k, _plain(at)) for k, body in enumerate(folded.bodies) for name, at in body.links.items()}
-        arm = replace(arm, frames=frames, couplings=mimicry(robot, folded.joints))
+        frames = {name: (k, plain(at)) for k, body in enumerate(folded.bodies) for name, at in body.links.items()}
+        arm = replace(arm, frames=frames, couplings=mimicry(robot, folded.joints), loops=loops_within(robot, folded))
     if not arm.parents:
-        arm = arm.with_tip(_plain(folded.tip))
+        arm = arm.with_tip(plain(folded.tip))
     tip_note = chain_checks.tip_note_of(robot, arm, tip, folded)
     return UrdfChain(
         arm=arm,
@@ -351,35 +347,3 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
         notes=(*notes, *massless, *([tip_note] if tip_note else [])),
         tip_note=tip_note,
     )
-
-
-def joints_and_links(
-    robot: UrdfRobot, folded: FoldedChain, options: UrdfOptions
-) -> tuple[list[Joint], list[Link], list[str]]:
-    """Return the joints of a chain and the links that they move, base to tip, with notes on changed inertias."""
-    physical, notes = options.get("physical", True), list[str]()
-    links = [
-        welded_link(robot, body.links, f"joint {quoted(body.step.joint.name)} moves it", physical, notes)
-        for body in folded.bodies
-    ]
-    return [_joint(body) for body in folded.bodies], links, notes
-
-
-def _joint(body: WeldedBody) -> Joint:
-    """Return the joint that moves a body."""
-    joint, down = body.step
-    if joint.fault is not None:
-        raise joint.fault
-    with joint.element.refusals():
-        return Joint(
-            kind=MOVABLE[joint.kind],  # pyright: ignore[reportArgumentType]
-            axis=joint.axis if down else 0.0 - joint.axis,
-            placement=_plain(body.placement),
-            name=joint.name,
-            **{quantity: getattr(joint, quantity) for quantity in JOINT_FIELDS},
-        )
-
-
-def _plain(pose: Pose) -> Pose:
-    """Return the pose without -0.0, so that the compiler can drop zeros."""
-    return Pose(pose.R + 0.0, pose.p + 0.0)

@@ -171,7 +171,11 @@ def tip_note_of(robot: UrdfRobot, arm: Arm, tip: str, folded: FoldedChain) -> st
 
 
 def coupling_notes(
-    robot: UrdfRobot, bodies: Sequence[Collection[str]], joints: Container[str], floats: bool = False
+    robot: UrdfRobot,
+    bodies: Sequence[Collection[str]],
+    joints: Container[str],
+    floats: bool = False,
+    loops: Container[str] | None = None,
 ) -> list[str]:
     """Return notes on couplings without effect, whose ends are on one moving body.
 
@@ -180,6 +184,7 @@ def coupling_notes(
         bodies: names of the links of each body; the first is the base.
         joints: names of the joints that move.
         floats: whether the base is a free body.
+        loops: names of the loops that arms with branches have; None without branches.
 
     Raises:
         SceneError: a coupling acts on a body that moves.
@@ -188,16 +193,22 @@ def coupling_notes(
     world = -2 if floats else 0
     notes = []
     for coupling in robot.couplings:
+        if loops is not None and coupling.closure is not None and coupling.closure.name in loops:
+            continue
         places = {world if link == WORLD_LINK and link not in at else at.get(link, -1) for link in coupling.links}
         moving = {k for k in places if k > 0 or (floats and k == 0)}
         acts = any(joint in joints for joint in coupling.joints)
-        if _is_mimicked(robot, coupling):
+        if is_mimicked(robot, coupling):
             notes.append(coupling.element.message("not read, since the joints between its links mimic one of them"))
             continue
         if acts or (moving and len(places) > 1) or len(coupling.links | coupling.joints) < 2:
             ends = " and ".join(quoted(one) for one in sorted(coupling.links or coupling.joints)) or "no known link"
+            closes = "closes a loop, which a serial arm cannot contain"
+            advice = "" if loops is not None or coupling.closure is None else " branches=True, which reads it,"
+            if loops is not None and coupling.closure is not None:
+                closes = "closes a loop that is not within one arm"
             raise coupling.element.refuse(
-                f"closes a loop, which a serial arm cannot contain: it couples {ends}; try locking the joints between"
+                f"{closes}: it couples {ends}; try{advice} locking the joints between"
                 " them (locked=, lock_others=True), or deleting it if no arm passes through it"
             )
         if moving:
@@ -207,7 +218,7 @@ def coupling_notes(
     return notes
 
 
-def _is_mimicked(robot: UrdfRobot, coupling: UrdfCoupling) -> bool:
+def is_mimicked(robot: UrdfRobot, coupling: UrdfCoupling) -> bool:
     """Return whether one joint moves all joints between two links, which a loop between them only says again."""
     if len(coupling.links) != 2 or coupling.joints or WORLD_LINK in coupling.links:
         return False

@@ -14,6 +14,7 @@ from holdfast.errors import HoldfastError, SceneError
 LARGEST_URDF = 32 * 2**20  # [bytes]
 MOST_ELEMENTS = 100_000
 DEEPEST_XML = 100
+LONGEST_TEXT = 1000  # [characters] that are kept of the text in an element
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class Element:
         line: line in which it begins.
         parent: the enclosing element; None for the root.
         children: the elements in it, in order.
-        stray: the first text between them, shortened; empty if there is none.
+        stray: the first text between them, up to 1,000 characters; empty if there is none.
     """
 
     tag: str
@@ -168,7 +169,7 @@ class _Builder:
 
     def _text(self, text: str) -> None:
         if self.open and not self.open[-1].stray and (stray := text.strip()):
-            self.open[-1].stray.append(shortened(stray))
+            self.open[-1].stray.append(shortened(stray, LONGEST_TEXT))
 
     def _doctype(self, name: str, *_: object) -> None:
         line = self.parser.CurrentLineNumber

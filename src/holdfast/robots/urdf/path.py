@@ -12,7 +12,7 @@ from holdfast.errors import SceneError
 from holdfast.model import checks
 from holdfast.robots.urdf.attributes import LARGEST_VALUE
 from holdfast.robots.urdf.document import hint, quoted
-from holdfast.robots.urdf.robot import MOVABLE, PLANAR, UrdfJoint, UrdfRobot
+from holdfast.robots.urdf.robot import MOVABLE, PLANAR, SDF_BALL, UrdfJoint, UrdfRobot
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 
@@ -196,7 +196,7 @@ class Locks:
             raise joint.fault
         if not joint.turns:
             return joint.origin @ Pose(np.eye(3), q * joint.axis)
-        return joint.origin @ Pose(rotation.exp(q * joint.axis), np.zeros(3))
+        return joint.origin @ Pose(rotation.exp(q * joint.axis), q * (joint.pitch or 0.0) * joint.axis)
 
 
 def resting_position(joint: UrdfJoint) -> float:
@@ -224,6 +224,8 @@ def checked_locks(robot: UrdfRobot, locked: Mapping[str, float] | None) -> dict[
             raise joint.fault
         with joint.element.refusals():
             q = checks.number(position, "locked")
+        if joint.kind == SDF_BALL and q != 0.0:
+            raise joint.element.refuse(f"locked: expected 0 for a ball joint, got {q:g}")
         low, high = joint.position_limits
         if not low <= q <= high:
             raise joint.element.refuse(f"locked: expected a position from {low:g} to {high:g} [rad or m], got {q:g}")

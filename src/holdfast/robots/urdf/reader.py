@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from os import PathLike
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -14,18 +14,29 @@ import holdfast.robots.urdf.attributes as attributes
 import holdfast.robots.urdf.extensions as extensions
 from holdfast.errors import SceneError
 from holdfast.model import checks
-from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
-from holdfast.robots.urdf.robot import MOVABLE, PLANAR, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
+from holdfast.robots.sdf.gazebo import with_gazebo_loops
+from holdfast.robots.sdf.reader import sdf_robot
+from holdfast.robots.urdf.document import Element, parse_document, quoted
+from holdfast.robots.urdf.inertial import link_inertial
+from holdfast.robots.urdf.robot import (
+    MOVABLE,
+    PLANAR,
+    TYPES,
+    UNSUPPORTED,
+    Mimic,
+    UrdfInertial,
+    UrdfJoint,
+    UrdfLink,
+    UrdfRobot,
+)
 from holdfast.robots.urdf.source import UrdfSource, read_source
+from holdfast.robots.urdf.tree import by_name, refuse_circles, root_of
 from holdfast.robots.urdf.vocabulary import VOCABULARY, extension_notes, hidden_notes, unread_notes
-from holdfast.spatial.inertia import turned
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
 
-SMALLEST_RADIUS = 1e-8  # [m] of gyration; iCub's exporter writes 1e-35 to 1e-18 kg m^2 instead of zeros
 UNREAD_OF_PLANAR = ("limit", "dynamics", "mimic")
-Named = TypeVar("Named", UrdfLink, UrdfJoint)
 
 
 def read_urdf(
@@ -35,11 +46,12 @@ def read_urdf(
     trust_xacro: bool = False,
     packages: Mapping[str, str | PathLike[str]] | None = None,
 ) -> UrdfRobot:
-    """Return the tree of links and joints that a URDF file describes. O(links + joints).
+    """Return the tree of links and joints that a URDF or SDF file describes. O(links + joints).
 
     All links and joints are read. Masses, inertias, limits and drives are checked only when they are used. Angles
     within 1e-12 rad of a multiple of pi/2 are rounded to that multiple. A planar joint becomes two prismatic joints and
-    a revolute one.
+    a revolute one. An SDF file (1.6 to 1.12) has one model; a universal joint becomes two revolute ones, and a joint
+    whose child hangs on another joint already closes a loop.
 
     Args:
         path_or_text: a file, or the text itself (which begins with `<`). A file whose name ends
@@ -57,21 +69,25 @@ def read_urdf(
     """
     source = read_source(path_or_text, xacro_args, trust_xacro, packages)
     root = parse_document(source.text, source.name)
+    if root.tag == "sdf":
+        return sdf_robot(root, source)
     if root.tag != "robot":
-        raise root.refuse("expected <robot> as the outermost element")
-    stated = _by_name([_joint(element) for element in root.children if element.tag in ("joint", "drake:joint")])
-    found = _extensions(root, _by_name([_link(element) for element in root.children if element.tag == "link"]), stated)
+        raise root.refuse("expected <robot> as the outermost element, or <sdf>")
+    stated = by_name([_joint(element) for element in root.children if element.tag in ("joint", "drake:joint")])
+    found = _extensions(root, by_name([_link(element) for element in root.children if element.tag == "link"]), stated)
     bodies, hinges = extensions.with_extensions(found)
     notes = (*source.notes, *unread_notes(root), *found.notes.get("", ()))
     parts = [taken_apart(joint) if joint.kind == PLANAR else ([joint], []) for joint in hinges]
-    links = _by_name([*bodies, *(link for _, between in parts for link in between)])
-    joints = _by_name([joint for apart, _ in parts for joint in apart])
+    links = by_name([*bodies, *(link for _, between in parts for link in between)])
+    joints = by_name([joint for apart, _ in parts for joint in apart])
     folder = "" if source.folder is None else str(source.folder.resolve())
     name = attributes.name(root) if root.attributes.get("name", "").strip() else ""
     couplings = tuple(found.couplings)
-    robot = UrdfRobot(name, links, joints, _root(root, links, joints), root, notes, folder, source.packages, couplings)
-    _refuse_circles(robot)
-    return robot
+    robot = UrdfRobot(
+        name, links, joints, root_of(root, links, joints), root, notes, folder, source.packages, couplings
+    )
+    refuse_circles(robot)
+    return with_gazebo_loops(robot)
 
 
 def _extensions(root: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> extensions.Extensions:
@@ -109,61 +125,6 @@ def _of_compiler(element: Element) -> list[str]:
     return [one.message(f"{name}: changes masses, but is not read") for one, name in given]
 
 
-def _by_name(members: list[Named]) -> dict[str, Named]:
-    """Return links or joints by name; duplicate names are refused."""
-    found: dict[str, Named] = {}
-    for member in members:
-        if member.name in found:
-            first = found[member.name].element.line
-            raise member.element.refuse(f"expected a unique name, first used in line {first}")
-        found[member.name] = member
-    return found
-
-
-def _root(element: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> str:
-    """Return the root, the only link that is not the child of a joint, after checking that there is a tree.
-
-    O(links + joints).
-
-    Raises:
-        SceneError: there are no links, a joint refers to an unknown link, a link has two parents, or there is a loop or
-            more than one root.
-    """
-    if not links:
-        of_xacro = "xmlns:xacro" in element.attributes or element.source.endswith("(expanded)")
-        why = ": the file contains macros only and calls none; try to load the file that calls them" if of_xacro else ""
-        raise element.refuse(f"expected at least one <link>, got none{why}")
-    above: dict[str, UrdfJoint] = {}
-    for joint in joints.values():
-        for side, link in (("parent", joint.parent), ("child", joint.child)):
-            if link not in links:
-                raise joint.element.refuse(f"{side}: no link {quoted(link)}.{hint(link, links)}")
-        if joint.child in above:
-            other = above[joint.child]
-            raise joint.element.refuse(
-                f"child: link {quoted(joint.child)} hangs on joint {quoted(other.name)} already (line"
-                f" {other.element.line}): a loop, which a serial arm cannot contain"
-            )
-        above[joint.child] = joint
-    roots = [link for link in links if link not in above]
-    if len(roots) > 1:
-        raise links[roots[1]].element.refuse(f"expected one root link, got {listed(roots)}; try joining them")
-    if not roots:
-        raise element.refuse("expected a root link that is not the child of any joint, got a cycle of joints")
-    return roots[0]
-
-
-def _refuse_circles(robot: UrdfRobot) -> None:
-    """Refuse links that cannot be reached from the root; each has a parent, so they form a cycle."""
-    reached, waiting = {robot.root}, [robot.root]
-    while waiting:
-        children = [joint.child for joint in robot.joints_below[waiting.pop()]]
-        reached.update(children)
-        waiting += children
-    if astray := [link for link in robot.links if link not in reached]:
-        raise robot.links[astray[0]].element.refuse(f"hangs on a cycle of joints with {listed(astray)}")
-
-
 def _link(element: Element) -> UrdfLink:
     """Return a link, which is massless without <inertial>."""
     notes = list(unread_notes(element))
@@ -177,15 +138,10 @@ def _link(element: Element) -> UrdfLink:
 
 
 def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
-    """Return the mass, mass centre and inertia in link axes; an inertia that is only rounding becomes 0."""
+    """Return the mass, mass centre and inertia in link axes."""
     mass = attributes.number(element.required("mass"), "value", size=attributes.LARGEST_VALUE)
     moments = element.required("inertia")
-    J = _symmetric(moments)
-    if J.any() and np.abs(J).max() <= mass * SMALLEST_RADIUS**2:
-        notes.append(moments.message(f"inertia up to {np.abs(J).max():g} kg m^2, taken as 0"))
-        J = np.zeros((3, 3))
-    at = attributes.pose(element.first("origin"))
-    return UrdfInertial(mass, at.p, turned(J, at.R), element)
+    return link_inertial(element, mass, _symmetric(moments), attributes.pose(element.first("origin")), notes)
 
 
 def _symmetric(moments: Element) -> Array:
@@ -236,7 +192,7 @@ def _kind(element: Element) -> str:
     kind = attributes.name(element, "type")
     if element.tag != "joint":
         return f"{element.tag.partition(':')[0]}:{kind}"  # a type of Drake's own
-    known = (*MOVABLE, PLANAR, "fixed", *UNSUPPORTED)
+    known = (*TYPES, PLANAR, "fixed", *UNSUPPORTED)
     if kind not in known:
         raise element.refuse(
             f"type: expected one of {', '.join(known)}, got {quoted(kind)}.{checks.did_you_mean(kind, known)}"

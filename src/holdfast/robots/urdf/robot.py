@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from holdfast.errors import SceneError
+from holdfast.model.closure import Closure
 from holdfast.model.joint import UNBOUNDED
 from holdfast.model.joint_types import JOINT_TYPES
 from holdfast.robots.urdf.document import Element
@@ -16,6 +17,9 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 MOVABLE = {urdf: kind for kind, row in JOINT_TYPES.items() for urdf in row.urdf}  # kinds of `Joint` by URDF type
+TYPES = tuple(MOVABLE)  # of URDF itself
+SDF_BALL, SDF_SCREW = "sdf:ball", "sdf:screw"  # kinds that only SDF files have
+MOVABLE |= {SDF_BALL: "spherical", SDF_SCREW: "screw"}
 PLANAR = "planar"  # read as three joints with one degree of freedom
 UNSUPPORTED = ("floating", "ball", "spherical")
 WORLD_LINK = "world"  # end of a coupling that is attached to no link
@@ -80,7 +84,7 @@ class UrdfJoint:
 
     Attributes:
         name: its name.
-        kind: "revolute", "continuous", "prismatic", "fixed", or a type that arms cannot have.
+        kind: "revolute", "continuous", "prismatic", "fixed", "sdf:ball", "sdf:screw", or a type that arms cannot have.
         parent: name of the parent link.
         child: name of the link that it moves.
         origin: pose of the child frame in the parent frame at q = 0.
@@ -95,6 +99,7 @@ class UrdfJoint:
         stiffness, rest: stiffness and rest position of a spring [N m/rad or N/m, rad or m], which many URDF files give
             with the names of SDF.
         armature: inertia of the rotors of its drives, reflected to the joint [kg m^2 or kg].
+        pitch: translation along the axis per radian, for a screw [m/rad]; None for others.
         mimic: the joint that it mimics, or None.
         fault: why it cannot move, an error in its axis, limits or drive, which do not matter if it is locked; or None.
     """
@@ -115,6 +120,7 @@ class UrdfJoint:
     stiffness: float = 0.0
     rest: float = 0.0
     armature: float = 0.0
+    pitch: float | None = None
     mimic: Mimic | None = None
     fault: SceneError | None = None
 
@@ -141,11 +147,14 @@ class UrdfCoupling:
         element: the element.
         links: names of the links that it couples, or "world".
         joints: names of the joints that it couples.
+        closure: the loop that it closes between two links, by their names, which an arm with branches can have; None
+            for what no arm can have.
     """
 
     element: Element = field(repr=False)
     links: frozenset[str] = frozenset()
     joints: frozenset[str] = frozenset()
+    closure: Closure | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,8 @@ from holdfast.robots.packages import PackageFolders, given_packages
 from holdfast.robots.urdf.document import LARGEST_URDF, quoted, shortened
 from holdfast.spatial.frozen import FrozenDict
 
+WHERE_A_ROOT_IS = 1000  # [characters] of a text, in which its outermost element is looked for
+
 
 @dataclass(frozen=True)
 class UrdfSource:
@@ -66,10 +68,12 @@ def read_source(
         folder = Path(given).resolve().parent
         text, notes, found = expanded(given, name, dict(xacro_args or {}), trust_xacro, PackageFolders(folder, folders))
         return UrdfSource(f"{name} (expanded)", text, folder, notes, {**folders, **found})
-    if xacro_args:
-        raise SceneError(f"{'URDF text' if is_text else name}: xacro_args: expected none, since this is no .xacro file")
     if is_text:
-        return UrdfSource("URDF text", given.lstrip("\ufeff"), packages=folders)
+        name = "SDF text" if "<sdf" in given[:WHERE_A_ROOT_IS] else "URDF text"
+    if xacro_args:
+        raise SceneError(f"{name}: xacro_args: expected none, since this is no .xacro file")
+    if is_text:
+        return UrdfSource(name, given.lstrip("\ufeff"), packages=folders)
     return UrdfSource(name, _read_bytes(given, name), Path(given).parent, packages=folders)
 
 

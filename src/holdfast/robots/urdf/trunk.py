@@ -11,19 +11,19 @@ from holdfast.model import checks
 from holdfast.model.trunk import BASE, Trunk
 from holdfast.robots.arms_on_trunk import ArmsOnTrunk, branching, mount_name, shared_counts
 from holdfast.robots.notes import show_notes
+from holdfast.robots.urdf.arm_parts import UrdfOptions, joints_and_links
 from holdfast.robots.urdf.bodies import FoldedChain, fold, welded_link
 from holdfast.robots.urdf.branches import folded_arm, leaving_free
 from holdfast.robots.urdf.chain import (
     UrdfChain,
-    UrdfOptions,
     chain_of,
-    joints_and_links,
     locks_of,
     mount_of,
     read_robot,
 )
 from holdfast.robots.urdf.chain_checks import coupling_notes, hanging, read_within, refuse_loose
 from holdfast.robots.urdf.document import listed, quoted
+from holdfast.robots.urdf.loops import loops_within
 from holdfast.robots.urdf.path import Locks, PassedJoint, known_link, path_between
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.source import UrdfSource
@@ -206,7 +206,9 @@ def _on_trunk(
     locked, within, frames = read_within(locks, common)
     parts = [*bodies, *(body.links for folded in folds.values() for body in folded.bodies)]
     moving = {body.step.joint.name for folded in (common, *folds.values()) for body in folded.bodies}
-    notes += [*coupling_notes(robot, parts, moving, floats), *within, *unread]
+    loops = {name for folded in folds.values() for name in loops_within(robot, folded)}
+    closed = loops if options.get("branches") else None
+    notes += [*coupling_notes(robot, parts, moving, floats, closed), *within, *unread]
     trunk = Trunk(joints, links, mount_of(options), free, visuals, notes)
     notes += frames
     chains, mounts = {}, {}

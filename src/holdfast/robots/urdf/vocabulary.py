@@ -166,7 +166,7 @@ def unread_notes(element: Element) -> tuple[str, ...]:
         SceneError: a name is misspelt or duplicate, or the file contains unexpanded xacro.
     """
     known = VOCABULARY[element.tag]
-    unknown = ", ".join(_unknown(element, known))
+    unknown = ", ".join(unknown_attributes(element, known))
     notes = [element.message(f"{shortened(unknown)}: unknown, not read")] if unknown else []
     seen: dict[str, int] = {}
     for child in element.children:
@@ -175,7 +175,7 @@ def unread_notes(element: Element) -> tuple[str, ...]:
                 raise child.refuse(f"expected one <{child.tag}>, got a second (first in line {seen[child.tag]})")
             seen[child.tag] = child.line
         elif not known.effect(child.tag):
-            _refuse(child, known.children + known.skipped + known.extensions)
+            refuse_misspelt(child, known.children + known.skipped + known.extensions)
             notes.append(child.message("unknown element, not read"))
         elif known.effect(child.tag) == "noted" and not is_off(child):
             notes.append(child.message("not read"))
@@ -225,7 +225,7 @@ def is_off(element: Element) -> bool:
     return off and bool(words or element.children) and all(map(is_off, element.children))
 
 
-def _unknown(element: Element, known: Vocabulary) -> list[str]:
+def unknown_attributes(element: Element, known: Vocabulary) -> list[str]:
     """Return the attributes that are neither read nor skipped."""
     unknown = []
     for attribute in element.attributes:
@@ -237,7 +237,7 @@ def _unknown(element: Element, known: Vocabulary) -> list[str]:
     return unknown
 
 
-def _refuse(child: Element, known: tuple[str, ...]) -> None:
+def refuse_misspelt(child: Element, known: tuple[str, ...]) -> None:
     """Refuse an unknown element that is misspelt or unexpanded."""
     if near := _misspelt(child.tag, known):
         raise child.refuse(f"unknown element. Did you mean <{near}>?")
