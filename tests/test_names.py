@@ -58,6 +58,13 @@ def test_misspelt(path):
     assert not hasattr(package, name)
 
 
+def test_names_of_several_lines():
+    """The message stays on one, however long the name is."""
+    with pytest.raises(UnknownName) as refused:
+        getattr(hf, "forward\ndynamics" + "s" * 1000)
+    assert "\n" not in str(refused.value) and len(str(refused.value)) < 1000
+
+
 def test_errors_have_one_home():
     """Whoever looks for one at the top is told where it is."""
     with pytest.raises(UnknownName, match=r"holdfast has no 'StateError'; try holdfast.errors.StateError"):

@@ -42,6 +42,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
     """Return the error for a name that a package does not have."""
+    name = " ".join(name.split())[:80]
     if package != "holdfast.errors" and hasattr(errors, name) and name[0].isupper():
         return UnknownName(f"{package} has no '{name}'; try holdfast.errors.{name}")
     return UnknownName(f"{package} has no '{name}'.{did_you_mean(name, known)}")

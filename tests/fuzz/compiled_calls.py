@@ -94,7 +94,7 @@ def of_question(name: str) -> None:
 
     def gradient(by: Any, **given: Any) -> Any:
         found = getattr(compiled(), name).vjp(by=by, **given)
-        return [found[one] for one in by]
+        return [found[one] for one in by or ()]
 
     names = (*question.inputs, *question.by_name(everything().chain))
     given = {x: Later(lambda x=x: sound(x)) for x in names}
