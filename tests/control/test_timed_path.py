@@ -290,6 +290,7 @@ def test_tracking():
     assert run.margin.min() > 0.0
 
 
+@pytest.mark.slow
 def test_speeds():
     """No speed is above the largest from which one can stop, and that not above what the place permits."""
     timed = arc_timed(21)

@@ -142,6 +142,7 @@ def test_reference_along_the_manifold(name):
     assert relative_gap(gradient, wanted) < SHARP
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOT_UNIQUE)
 def test_what_is_unique_beside_forces_that_are_not(name):
     """Machine code has accelerations' gradients along the manifold, and refuses a cotangent of the forces."""

@@ -57,6 +57,7 @@ def test_one_arm(run):
     assert "19.62" in printed
 
 
+@pytest.mark.slow
 def test_two_arms_one_box(run):
     """Two arms of seven joints and six constraints each leave eight freedoms; the loop is closed to rounding."""
     found, printed = run("02")

@@ -301,6 +301,7 @@ def test_a_thousand_questions(name):
     assert np.isfinite(found.tau).all()
 
 
+@pytest.mark.slow
 def test_cost_is_linear_in_arms():
     """Operations of two, three and four equal arms have no second difference."""
     base = force_cases()["three_soft_effort"].chain

@@ -52,6 +52,7 @@ def test_steps_are_bounded(monkeypatch):
     assert len(run) == 5
 
 
+@pytest.mark.slow
 def test_free_fall_keeps_energy():
     """Two limp arms fall with their object: T + V stays what it was."""
     p = problem(seed=3, arms=2, joints=7, grasps="rigid")
