@@ -153,6 +153,7 @@ def test_energy():
     assert np.ptp(run.kinetic + run.potential - damping) <= 1e-11 * np.abs(run.kinetic).max()
 
 
+@pytest.mark.slow
 def test_power_balance_of_a_run():
     """What is lost is what the dampers took, and momentum changes by what springs to the world pull."""
     chain, state, _ = still_bases(4, damped=True)

@@ -298,6 +298,7 @@ def test_memory_moves_on_once():
     assert found.instant.memory == 2
 
 
+@pytest.mark.slow
 def test_what_cannot_be_closed_whole():
     """A step that leaves the grasps too far open is refused whole, and taken in parts."""
     whole, now = balls_moving()
