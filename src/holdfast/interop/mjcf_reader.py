@@ -10,8 +10,6 @@ from dataclasses import replace
 from os import PathLike
 from typing import Any
 
-import numpy as np
-
 from holdfast.errors import SceneError
 from holdfast.interop.mjcf_bodies import (
     MJCF_KINDS,
@@ -35,7 +33,6 @@ from holdfast.robots.notes import show_notes
 from holdfast.spatial.pose import Pose
 
 
-@np.errstate(all="ignore")  # what overflows is refused
 def load_mjcf(
     path_or_text: str | PathLike[str],
     *,
@@ -98,7 +95,6 @@ def load_mjcf(
     return arm
 
 
-@np.errstate(all="ignore")  # what overflows is refused
 def load_mjcf_arms(
     path_or_text: str | PathLike[str],
     arms: Mapping[str, tuple[str, str]],
@@ -204,7 +200,6 @@ def _require_apart(robot: MjcfRobot, bases: Mapping[str, int], paths: Mapping[st
             )
 
 
-@np.errstate(all="ignore")  # what overflows is refused
 def load_mjcf_trunk(
     path_or_text: str | PathLike[str],
     tips: Mapping[str, str] | Iterable[str],
