@@ -110,6 +110,7 @@ def test_forward_dynamics_follows():
         np.testing.assert_allclose(back.qdd, timed.joints_at(t)[2], atol=0.051)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "timed",
     [pytest.param(lambda: arc_timed(21), marks=pytest.mark.slow), lambda: from_rest_to_rest(21)],

@@ -27,6 +27,7 @@ def test_the_reference(kind):
     assert worst_of_products(Reference(p), p, chain_derivatives(p, NAMES), random) < TOLERANCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", mostly_long(KINDS, ("hinge",)))
 def test_machine_code(kind):
     """One arm and an anchor."""

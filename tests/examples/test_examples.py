@@ -110,6 +110,7 @@ def test_hand_over(run):
     assert found["holds_at_end"] == "right"
 
 
+@pytest.mark.slow
 def test_stewart_platform(run):
     """Six drives hold six mobilities still, passive joints idle; work of the drives is the rise of the weights."""
     found, _ = run("07")

@@ -227,6 +227,7 @@ def test_singular_postures(turn):
     assert np.abs(found.tau).max() < 1e12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", mostly_slow(COMPILED, ["two_soft_effort"]))
 def test_machine_code(name):
     """Its numbers are those of the text on floats, its bits those of schedule, batches, threads and bound calls."""

@@ -26,7 +26,7 @@ def test_some_wrong_calls(part):
     assert ends["answered"] and ends["StateError"] and ends["ModelError"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sound_calls_are_answered():
     """As they are in the table, so that what is spoilt is what is refused."""
     for name in every_call():

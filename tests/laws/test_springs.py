@@ -144,6 +144,7 @@ def test_machine_code():
     assert relative_gap(back, tau) <= 1e-11
 
 
+@pytest.mark.slow
 def test_energy():
     """Kinetic, weights' and springs' energies together do not change."""
     chain, state, _ = still_bases(4, damped=False)

@@ -177,6 +177,7 @@ def test_tolerance_is_met():
     assert len(runs[1]) < 4 * len(runs[0])
 
 
+@pytest.mark.slow
 def test_jumps():
     """A torque that jumps inside a step is found by the error; where the jump is a knot, nothing is tried twice."""
 

@@ -125,6 +125,7 @@ def test_flat_parallelogram_stops_the_run():
     assert run.q[-1, 0] == pytest.approx(rate * step, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_diverging_run_stops():
     """Torques that blow the state up end the run; what came before is finite."""
     p = problem(arms=1, joints=6, grasps="rigid")
