@@ -37,13 +37,9 @@ def cli(capsys):
 
 
 def pytest_collection_finish():
-    """Leave ten thousand tests and their modules out of every later search for garbage: they stay to the end.
-
-    Later searches are rarer than Python's, as each calls back JAX and Hypothesis.
-    """
+    """Leave ten thousand tests and their modules out of every later search for garbage: they stay to the end."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(50_000, 20, 50)
 
 
 def pytest_terminal_summary(terminalreporter):
