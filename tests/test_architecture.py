@@ -85,6 +85,15 @@ def room(path: Path) -> str:
     return path.relative_to(ROOT).parts[0].removesuffix(".py")
 
 
+def statements(of: ast.AST, types: bool) -> Iterator[ast.AST]:
+    """Yield the statements within one, in which imports are; without `types` not those that only type checkers see."""
+    for name in ("body", "orelse", "finalbody", "handlers", "cases"):
+        if types or name != "body" or not isinstance(of, ast.If) or ast.unparse(of.test) != "TYPE_CHECKING":
+            for node in getattr(of, name, ()):
+                yield node
+                yield from statements(node, types)
+
+
 @functools.cache
 def imported(path: Path, types: bool = True) -> set[tuple[str, str]]:
     """Return (module, name) of what a file imports, inside functions too; the name is empty for a whole module.
@@ -93,12 +102,8 @@ def imported(path: Path, types: bool = True) -> set[tuple[str, str]]:
         path: the source file.
         types: whether imports that only type checkers see count.
     """
-    nodes = {*ast.walk(parsed(path))}
-    if not types:
-        conditions = [node for node in nodes if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
-        nodes -= {inner for node in conditions for statement in node.body for inner in ast.walk(statement)}
     names = set()
-    for node in nodes:
+    for node in statements(parsed(path), types):
         if isinstance(node, ast.Import):
             names |= {(alias.name, "") for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.errors import CallError, UnknownName
+from holdfast.errors import CallError, StateError, UnknownName
+from holdfast.identification.feasible_bodies import is_feasible
 from holdfast.names import called, did_you_mean
 from tests.fuzz.calls import fixed
 from tests.surface import THEMES
@@ -55,6 +56,13 @@ def test_misspelt(path):
         getattr(package, name)
     assert MISSPELT[path] in str(refused.value) and isinstance(refused.value, AttributeError)
     assert not hasattr(package, name)
+
+
+def test_names_of_several_lines():
+    """The message stays on one, however long the name is."""
+    with pytest.raises(UnknownName) as refused:
+        getattr(hf, "forward\ndynamics" + "s" * 1000)
+    assert "\n" not in str(refused.value) and len(str(refused.value)) < 1000
 
 
 def test_errors_have_one_home():
@@ -135,3 +143,19 @@ def test_attributes():
 
     with pytest.raises(AttributeError, match=r"numpy\.ndarray"):
         _ = Failing().whole
+
+
+def test_a_failure_of_linear_algebra():
+    """Within this package it is an error of ours, at the name that was called; a caller's function keeps its own."""
+    far = np.full((3, 3), np.inf)
+    ours = called(is_feasible)
+    with np.errstate(all="ignore"), pytest.raises(StateError, match="is_feasible: expected numbers of") as refused:
+        ours(np.array([1.0, *np.full(9, np.inf)]))
+    assert isinstance(refused.value.__cause__, np.linalg.LinAlgError)
+
+    @called
+    def asked(function):
+        return function()
+
+    with pytest.raises(np.linalg.LinAlgError):
+        asked(lambda: np.linalg.svd(far))

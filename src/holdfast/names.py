@@ -12,7 +12,7 @@ from typing import Any, NoReturn, TypeVar
 import lazy_loader
 
 from holdfast import errors
-from holdfast.errors import CallError, UnknownName
+from holdfast.errors import CallError, StateError, UnknownName
 
 MOST_LISTED = 40  # names in a message that lists what is known
 RENAMED = {
@@ -42,6 +42,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
     """Return the error for a name that a package does not have."""
+    name = " ".join(name.split())[:80]
     if package != "holdfast.errors" and hasattr(errors, name) and name[0].isupper():
         return UnknownName(f"{package} has no '{name}'; try holdfast.errors.{name}")
     return UnknownName(f"{package} has no '{name}'.{did_you_mean(name, known)}")
@@ -99,6 +100,7 @@ def called(of: Called) -> Called:
 
     Raises:
         CallError: a name is unknown, an argument is missing or given twice, or there are too many.
+        StateError: linear algebra fails on the numbers, such as a singular value decomposition of ones that overflow.
     """
     if isinstance(of, type):
         named(of)
@@ -127,9 +129,33 @@ def _called(function: Callable[..., Any], name: str) -> Callable[..., Any]:
         except TypeError:
             if (wrong := wrong_call(inspect.signature(function), name, args, given)) is None:
                 raise
+        except ValueError as cause:
+            if not is_numeric_failure(cause):
+                raise
+            raise numeric_failure(name) from cause
         raise wrong
 
     return call
+
+
+def is_numeric_failure(error: BaseException) -> bool:
+    """Return whether linear algebra of this package failed on its numbers, rather than that of a caller's function."""
+    if type(error).__name__ != "LinAlgError":  # NumPy's, which is not imported here
+        return False
+    frame, modules = error.__traceback__, list[str]()
+    while frame is not None:
+        modules.append(frame.tb_frame.f_globals.get("__name__", ""))
+        frame = frame.tb_next
+    callers = [module for module in modules if module.partition(".")[0] not in ("numpy", "scipy")]
+    return callers[-1].partition(".")[0] == "holdfast"
+
+
+def numeric_failure(what: str) -> StateError:
+    """Return the error for numbers with which linear algebra fails."""
+    return StateError(
+        f"{what}: expected numbers of comparable sizes, got an overflow of float64 or a matrix that rounding makes"
+        " singular; check the sizes of lengths, masses, velocities and forces"
+    )
 
 
 def wrong_call(

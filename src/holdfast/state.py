@@ -75,7 +75,9 @@ class State(Frozen):
         """Check the poses and twists of several objects, or of none."""
         put, given = object.__setattr__, () if self.object_pose is None else self.object_pose
         poses = [_pose(one, f"state: object_pose[{k}]") for k, one in enumerate(given)]  # pyright: ignore
-        twists = np.zeros((len(poses), 6)) if not np.any(self.object_twist) else self.object_twist
+        twists = checks.numbers(self.object_twist, None, "state: object_twist", StateError)
+        if twists.dtype != object and not twists.any():  # the default is that of one object
+            twists = np.zeros((len(poses), 6))
         put(self, "object_pose", checks.read_only(np.array(poses).reshape(-1, 7)))
         put(self, "object_twist", checks.numbers(twists, (len(poses), 6), "state: object_twist", StateError))
 

@@ -10,6 +10,7 @@ import pytest
 from holdfast.dynamics import METHODS
 from holdfast.errors import MethodNotApplicable
 from tests.acceptance.comparison import disagreement
+from tests.longer import mostly_slow
 from tests.systems import random_system, scaled_condition
 from tests.systems.as_chain import as_chain
 from tests.systems.random_parts import KINDS
@@ -55,7 +56,7 @@ def agreement(arm_count: int, systems: int) -> tuple[float, Counter[str], int, C
     return worst, met, draws, answers
 
 
-@pytest.mark.parametrize("arm_count", [1, 2, 4])
+@pytest.mark.parametrize("arm_count", mostly_slow([1, 2, 4], [1, 2]))
 def test_methods_agree_on_a_few_systems(arm_count):
     """Every applicable method agrees to 1e-10, on a sample small enough for every run."""
     worst, _, _, answers = agreement(arm_count, 9)

@@ -20,7 +20,6 @@ from holdfast.dynamics.constraint import constraint_rows
 from holdfast.errors import SingularChainError
 from tests.acceptance.comparison import errors, relative
 from tests.compiled.problems import answer, compiled_for
-from tests.compiler.conftest import no_cache  # noqa: F401
 from tests.dynamics.test_half_turn import excess
 from tests.oracles.arithmetic import arithmetic
 from tests.oracles.maximal_kkt import KktSystem, solve
@@ -249,8 +248,9 @@ COMPILED_EVERY = 20  # every compiled chain is another code: half a second
 
 @pytest.mark.long
 @pytest.mark.parametrize("chunk", range(CHUNKS))
-def test_right_angles(chunk, no_cache):  # noqa: F811
+def test_right_angles(chunk, monkeypatch):
     """All answers within 1e-9 or the rounding of Lambda (other methods: 1e-7), or refused by name; counts printed."""
+    monkeypatch.setenv("HOLDFAST_CACHE", "off")  # thousands of chains, each of which is met once
     seen: Counter[str] = Counter()
     worst: dict[str, float] = {}
 

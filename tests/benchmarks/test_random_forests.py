@@ -9,6 +9,7 @@ def check(found: list[Outcome]) -> None:
     assert [one for one in found if not one.rank_right or not one.refusal_right or one.wrong or one.beyond] == []
 
 
+@pytest.mark.slow
 def test_random_forests():
     """Some of every family, over-constrained ones among them."""
     found = list(outcomes(1000, 20))

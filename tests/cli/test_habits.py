@@ -5,10 +5,12 @@ import json
 import shutil
 import sys
 
+import numpy as np
 import pytest
 
 import holdfast
 from holdfast.cli import main
+from holdfast.identification.feasible_bodies import is_feasible
 from tests.cli.conftest import EXAMPLE
 from tests.cli.test_commands import FILE
 
@@ -115,3 +117,20 @@ def test_documents_of_the_others(result, document, monkeypatch):
     assert document("plot", result) == {"results": [str(result)], "files": [str(result / "a.png")]}
     assert {one["name"] for one in document("methods")} == set(holdfast.dynamics.METHODS)
     assert document("doctor")["holdfast"] == holdfast.__version__
+
+
+def test_odd_arguments(cli):
+    """Text that no file can be called, and one that fills screens: a line of moderate length each."""
+    assert "expected a name that files can have" in cli("plot", "\ud800", code=2).err
+    assert len(cli("methods", "--export", "x" * 5000, code=2).err) < 1200
+
+
+def test_numbers_that_linear_algebra_cannot_bear(cli, monkeypatch):
+    """They are bad input, not a fault of this program."""
+
+    def answers(*given):
+        with np.errstate(all="ignore"):
+            return is_feasible(np.array([1.0, *np.full(9, np.inf)]))
+
+    monkeypatch.setattr("holdfast.cli.solve.answers", answers)
+    assert "input: expected numbers of comparable sizes" in cli("solve", FILE, code=2).err

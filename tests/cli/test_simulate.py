@@ -18,6 +18,7 @@ from tests.io.recorded import same_bits
 TEXT = EXAMPLE.read_text()
 
 
+@pytest.mark.slow
 def test_complete_run(scene, tmp_path, cli):
     """A run ends with its summary and where to look; everything named is there."""
     said = cli("simulate", scene)

@@ -13,6 +13,7 @@ from holdfast.errors import SingularChainError, StateError
 from tests.compiled import problems
 from tests.compiled.problems import CHAINS, STATE, chain_named, compiled, forces, numbers, one, outputs
 from tests.compiler.programs import all_same_bits
+from tests.longer import mostly_slow
 from tests.systems import planar_parallelogram, two_collinear_stretched_6r
 from tests.systems.as_chain import as_chain
 
@@ -20,7 +21,7 @@ LANES = cpu.lanes()
 NAME = "interleaved"
 
 
-@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("name", mostly_slow(CHAINS, {*CHAINS} - {"all kinds", "rows first"}))
 def test_same_bits(name):
     """Interpreter = single = lanes = tails = threads, in all outputs."""
     chain, fast = chain_named(name), compiled(name)

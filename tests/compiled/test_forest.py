@@ -8,7 +8,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.dynamics import Status, forest_dynamics
-from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError
+from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError, UnknownName
 from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody
 from tests.dynamics.tree.problems import LINK, gap, slider_crank
 from tests.oracles.forest_equations import ForestEquations
@@ -167,6 +167,14 @@ def test_linear(what):
         for n in (3, 4, 5)
     ]
     assert counts[2] - counts[1] == counts[1] - counts[0] > 0
+
+
+def test_what_is_not_among_results(problem):
+    """The accelerations of all bodies, say: an error of ours, which is Python's too."""
+    found = hf.compile(problem.forest).forward_dynamics(problem.q, problem.qd, problem.tau)
+    with pytest.raises(UnknownName, match="'CompiledForestResult' object has no attribute 'acceleration'"):
+        _ = found.acceleration
+    assert not hasattr(found, "acceleration")
 
 
 def test_closure_kinds():

@@ -12,6 +12,7 @@ from tests.acceptance.comparison import errors, relative
 from tests.compiled import problems
 from tests.compiled.problems import CHAINS, answer, chain_named, chain_of, compiled, numbers, one
 from tests.dynamics.problems import CASES, motion_of, random_case, stored
+from tests.longer import mostly_slow
 from tests.oracles.maximal_kkt import solve
 from tests.systems import planar_parallelogram, planar_three_arms, two_collinear_stretched_6r
 from tests.systems.as_chain import as_chain
@@ -25,7 +26,7 @@ HERE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", sorted(HERE))
+@pytest.mark.parametrize("name", mostly_slow(sorted(HERE), HERE - {"mixed_3arm_moving_base"}))
 def test_stored_cases(name):
     """Every output is the reference's."""
     p = stored(name)

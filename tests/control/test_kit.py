@@ -15,6 +15,7 @@ from holdfast.control import compile_law, sampled
 from tests.codegen.exported import built, outputs, require
 from tests.compiler.programs import same_bits
 from tests.control.kit import CHAIN, LAWS, STATE, N, moving
+from tests.longer import mostly_slow
 
 laws = pytest.mark.parametrize("name", LAWS)
 
@@ -24,7 +25,7 @@ def remembered(law, seed):
     return law.memory + 0.1 * np.random.default_rng(seed).normal(size=law.memory.shape)
 
 
-@laws
+@pytest.mark.parametrize("name", mostly_slow(LAWS, [*LAWS][::2]))
 def test_machine_code(name):
     """Called, bound and in a batch: the torques and the memory of the text; the three have the same bits."""
     law, given = LAWS[name]

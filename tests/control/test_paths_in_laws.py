@@ -26,7 +26,7 @@ def paths():
     return path, plan, hf.time_path(CHAIN, STATE, path, ForceLimits(effort=0.8), nodes=9)
 
 
-@pytest.mark.parametrize("kind", mostly_slow(["planned", "timed"], ["timed"]))
+@pytest.mark.parametrize("kind", mostly_slow(["planned", "timed"], []))
 def test_machine_code_asks_a_path(kind):
     """A law compiled to machine code returns what it returns on floats, before, at, between and after the nodes."""
     path, plan, timed = paths()

@@ -110,6 +110,7 @@ def test_forward_dynamics_follows():
         np.testing.assert_allclose(back.qdd, timed.joints_at(t)[2], atol=0.051)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "timed",
     [pytest.param(lambda: arc_timed(21), marks=pytest.mark.slow), lambda: from_rest_to_rest(21)],
@@ -290,6 +291,7 @@ def test_tracking():
     assert run.margin.min() > 0.0
 
 
+@pytest.mark.slow
 def test_speeds():
     """No speed is above the largest from which one can stop, and that not above what the place permits."""
     timed = arc_timed(21)

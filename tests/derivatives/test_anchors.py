@@ -27,6 +27,7 @@ def test_the_reference(kind):
     assert worst_of_products(Reference(p), p, chain_derivatives(p, NAMES), random) < TOLERANCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", mostly_long(KINDS, ("hinge",)))
 def test_machine_code(kind):
     """One arm and an anchor."""
@@ -61,7 +62,7 @@ def test_anchors_alone():
 
 
 @pytest.mark.parametrize("first", [False, True])
-@pytest.mark.parametrize("joints", [(5, 4), (5,)])
+@pytest.mark.parametrize("joints", [pytest.param((5, 4), marks=pytest.mark.slow), (5,)])
 def test_inverse_dynamics(joints, first):
     """Anchors have no torques: the Jacobian agrees with its products, also as machine code, wherever the anchor is."""
     p = pinned(random_problem(2, arms=len(joints), joints=joints, moving_base=True), ("rigid",), 2)

@@ -242,6 +242,7 @@ def test_out_by_the_builtin(monkeypatch):
         fast.forward_dynamics_jacobian(**state, of=["qdd"], by="tau")
 
 
+@pytest.mark.slow
 def test_bound_forms():
     """What is bound to its arrays is the call, to the bit; numbers written into them count at the next call."""
     p, own = one_arm()

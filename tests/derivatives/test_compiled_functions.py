@@ -312,6 +312,7 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
         fast.inverse_dynamics.vjp(*given[:3], grasp_wrench=np.ones_like(given[3]), tau=np.ones(n))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", mostly_slow(["bushing", "floating"], ["floating"]))
 def test_motions_that_are_not_possible(kind):
     """One system is refused with the reference's message; in a batch its results are not-a-number."""

@@ -39,7 +39,7 @@ from tests.derivatives.blocks import (
 )
 from tests.derivatives.chains import TRUNKS, random_chain
 from tests.derivatives.stored import OF, Stored, columns, gaps, names, stored
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.oracles.chain_derivatives import OUTPUTS, chain_derivatives
 from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain
@@ -142,6 +142,7 @@ def test_reference_along_the_manifold(name):
     assert relative_gap(gradient, wanted) < SHARP
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOT_UNIQUE)
 def test_what_is_unique_beside_forces_that_are_not(name):
     """Machine code has accelerations' gradients along the manifold, and refuses a cotangent of the forces."""
@@ -156,7 +157,7 @@ def test_what_is_unique_beside_forces_that_are_not(name):
         fast.forward_dynamics_vjp(**given(p), grasp_wrench=np.ones(shapes(p)["grasp_wrench"]), by=("q",))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", mostly_slow(range(6), (0, 2, 3, 4, 5)))
 def test_random_chains_by_the_reference(seed):
     """Any grasps, driven bases, drives, wrenches on links and object, free arms: products, against the oracle."""
     p = random_chain(100 + seed)
@@ -337,7 +338,7 @@ def straight(seed: int) -> Problem:
 SAME = 1e-12
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", mostly_slow(range(6), (0, 1, 2, 4)))
 def test_beside_automatic_differentiation(seed):
     """Torques, base wrench and all that the grasp feels, by every joint's position and velocity."""
     p = random_chain(700 + seed)

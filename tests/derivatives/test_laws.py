@@ -81,6 +81,7 @@ def test_symmetries(seed, trunk):
     assert relative_gap(found["object_acceleration", "tau"], found["qdd", "object_wrench"].T) < LAW
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", mostly_long(range(3), (1,)))
 def test_gravity_is_an_acceleration_of_all_bases(seed):
     """Gravity changes all as if the bases accelerated the other way; the object's acceleration by itself more."""

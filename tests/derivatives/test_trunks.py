@@ -229,6 +229,6 @@ def test_minimum_norm_forces_along_motions(floating):
         assert relative_gap(found, expected[name]) < TRUNCATED, name
 
 
-@pytest.mark.parametrize("floating", mostly_slow([False, True], [True]))
+@pytest.mark.parametrize("floating", mostly_slow([False, True], []))
 def test_duality_of_minimum_norm_forces(floating):
     require_duality(planar(floating), np.random.default_rng(9))

@@ -13,6 +13,7 @@ from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.smallest_forces import replaced_by_smallest
 from tests.dynamics.problems import motion_of
+from tests.longer import mostly_slow
 from tests.oracles.maximal_kkt import solve_min_norm
 from tests.systems import planar_parallelogram, planar_three_arms
 from tests.systems.as_chain import as_chain
@@ -55,7 +56,7 @@ def test_smallest_forces(name):
     assert np.abs(null @ (w * f)).max() < 1e-10 * np.abs(w * f).max()
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("name", mostly_slow(MECHANISMS, {*MECHANISMS} - {"Bricard"}))
 def test_smallest_forces_of_mechanisms(name):
     """Of every kind of grasp: no part that nothing feels, by singular vectors. Any other forces lead back to them.
 

@@ -13,14 +13,16 @@ from scipy.optimize import root_scalar
 import holdfast as hf
 from holdfast.spatial import rotation
 from tests.derivatives.moved import tangent
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
 from tests.systems.four_bar import held_four_bar, held_state
 from tests.systems.trunk_runs import still_base
 
 
-@pytest.mark.parametrize(("damping", "published"), [(0.0, four_bar.SPRING), (1.0, four_bar.DAMPER)])
+@pytest.mark.parametrize(
+    ("damping", "published"), mostly_slow([(0.0, four_bar.SPRING), (1.0, four_bar.DAMPER)], [(1.0, four_bar.DAMPER)])
+)
 def test_four_bar(damping, published):
     """IFToMM's linkage on its spring: a planar loop in space, whose forces are not unique; one freedom."""
     still = four_bar.four_bar()

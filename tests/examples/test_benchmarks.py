@@ -72,6 +72,7 @@ def test_andrews(capsys):
     assert max(off) < 1e-9 * np.abs(andrews.END).max()
 
 
+@pytest.mark.slow
 def test_bricard(capsys):
     """The printed sum, of a scheme of second order, to 5e-6; a freedom and a redundant row; energy is kept."""
     found = script(FOLDER / "bricard.py").main()

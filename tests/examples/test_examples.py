@@ -57,6 +57,7 @@ def test_one_arm(run):
     assert "19.62" in printed
 
 
+@pytest.mark.slow
 def test_two_arms_one_box(run):
     """Two arms of seven joints and six constraints each leave eight freedoms; the loop is closed to rounding."""
     found, printed = run("02")
@@ -109,6 +110,7 @@ def test_hand_over(run):
     assert found["holds_at_end"] == "right"
 
 
+@pytest.mark.slow
 def test_stewart_platform(run):
     """Six drives hold six mobilities still, passive joints idle; work of the drives is the rise of the weights."""
     found, _ = run("07")

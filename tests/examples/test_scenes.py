@@ -33,6 +33,7 @@ def test_all_are_listed():
         assert load_scene(EXAMPLES / f"{name}.toml").duration == duration
 
 
+@pytest.mark.slow
 def test_torso():
     """Its springs drive waist and lean towards their set points; the floor bears all weights and what moves them."""
     scene, run = simulated("torso", 0.2)

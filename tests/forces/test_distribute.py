@@ -9,6 +9,7 @@ import holdfast as hf
 from holdfast.dynamics import Status
 from holdfast.errors import HoldfastError, ModelError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, explain, least_peak, lift_margin
+from holdfast.forces.certificate import MOST_PRICES, certificate
 from holdfast.forces.distribute import ForceQuestion
 from holdfast.forces.limit_rows import highest_acceleration
 from holdfast.forces.margins import grasp_margins
@@ -137,6 +138,15 @@ def test_certificate(acceleration):
             total += z @ (limit.h - limit.G @ v) / limit.weight
         assert total == pytest.approx(-proof.lack, rel=1e-6)
     assert proof.residual <= 1e-8
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 40])
+def test_words_of_a_certificate(count):
+    """However many limits share in a conflict, some are named, and the others are counted."""
+    names = [f"limit {k}" for k in range(count)]
+    words = certificate(names, [np.ones(1)] * count, 7.0, 0.0).words
+    assert words.count("limit ") == (count if count < 20 else MOST_PRICES) and "7 N" in words
+    assert ("36 more conflict" in words) == (count == 40)
 
 
 def asked(chain, state, acceleration, limits=None) -> ForceQuestion:

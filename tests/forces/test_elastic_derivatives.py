@@ -25,7 +25,8 @@ from tests.longer import mostly_long, mostly_slow
 
 BARRIER, PRICE = 1e-5, 1e3
 NAMES = [*force_cases()]
-SOME = mostly_long(NAMES, ["two_soft_effort", "two_rigid_tight", "three_mixed_effort", "hinge_soft_overloaded"])
+OVERLOADED = "hinge_soft_overloaded"
+SOME = mostly_long(NAMES, ["two_soft_effort", "two_rigid_tight", "three_mixed_effort", OVERLOADED])
 STEP = 1e-4  # of differences, relative to the programme's numbers
 NINE_POINTS = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 
@@ -138,7 +139,7 @@ def varied(case: VariedCase, along: dict[str, Array], far: float) -> VariedCase:
     return case.varied(moved)
 
 
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", [pytest.param(x, marks=pytest.mark.slow) if x == OVERLOADED else x for x in SOME])
 def test_distribution_against_differences(name):
     """Rates by state, acceleration, chain and run-time parameters are differences; gradients are their adjoint."""
     case, random = force_cases()[name], np.random.default_rng(3)

@@ -227,6 +227,7 @@ def test_singular_postures(turn):
     assert np.abs(found.tau).max() < 1e12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", mostly_slow(COMPILED, ["two_soft_effort"]))
 def test_machine_code(name):
     """Its numbers are those of the text on floats, its bits those of schedule, batches, threads and bound calls."""
@@ -301,6 +302,7 @@ def test_a_thousand_questions(name):
     assert np.isfinite(found.tau).all()
 
 
+@pytest.mark.slow
 def test_cost_is_linear_in_arms():
     """Operations of two, three and four equal arms have no second difference."""
     base = force_cases()["three_soft_effort"].chain

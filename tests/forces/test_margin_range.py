@@ -16,6 +16,7 @@ from holdfast.forces.margin_interval import MarginRange, largest_margin, margin_
 from holdfast.forces.margins import grasp_margins
 from holdfast.model.grasp import WrenchLimits
 from tests.dynamics.problems import motion_of
+from tests.longer import mostly_slow
 from tests.simulation.gantries import BLOCK, squeezed
 from tests.systems import planar_three_arms
 from tests.systems.as_chain import Problem, as_chain
@@ -248,7 +249,7 @@ def by_another_solver(p: Problem, f: np.ndarray) -> float:
     return best
 
 
-@pytest.mark.parametrize("name", ["hinge_2arm", "softfinger_3arm"])
+@pytest.mark.parametrize("name", mostly_slow(["hinge_2arm", "softfinger_3arm"], ["softfinger_3arm"]))
 def test_against_another_solver(name):
     """Arms with force and moment limits: nothing better is found, and what is found comes near."""
     p = stored(name)

@@ -140,7 +140,9 @@ def test_differences(seed):
     assert sum(parts) == pytest.approx(forward, rel=0.0, abs=1e-9 * np.abs(parts).sum())
 
 
-@pytest.mark.parametrize(("task", "weight"), ASKED[1:], ids=["rows", "weight"])
+@pytest.mark.parametrize(
+    ("task", "weight"), [ASKED[1], pytest.param(*ASKED[2], marks=pytest.mark.slow)], ids=["rows", "weight"]
+)
 def test_differences_of_what_is_free(task, weight):
     """Rates along accelerations are differences where only rows S of them are asked, or where they give way.
 

@@ -74,15 +74,15 @@ GIVEN = {
 
 
 @call("compiled forward_dynamics.vjp", **GIVEN, by=["q", "tau"], qdd=Later(lambda: np.array(fixed().tau)))
-def _compiled_vjp(**given: Any) -> Any:
-    found = plain().forward_dynamics.vjp(**given)
-    return [found[name] for name in given["by"]]
+def _compiled_vjp(by: Any, **given: Any) -> Any:
+    found = plain().forward_dynamics.vjp(by=by, **given)
+    return [found[name] for name in by]
 
 
 @call("compiled forward_dynamics.jacobian", **GIVEN, of=["qdd"], by=["q"])
-def _compiled_jacobian(**given: Any) -> Any:
-    found = plain().forward_dynamics.jacobian(**given)
-    return [found[one] for one in product(given["of"], given["by"])]
+def _compiled_jacobian(of: Any, by: Any, **given: Any) -> Any:
+    found = plain().forward_dynamics.jacobian(of=of, by=by, **given)
+    return [found[one] for one in product(of, by)]
 
 
 def of_question(name: str) -> None:
@@ -92,9 +92,9 @@ def of_question(name: str) -> None:
     def ask(**given: Any) -> Any:
         return getattr(compiled(), name)(**given)
 
-    def gradient(**given: Any) -> Any:
-        found = getattr(compiled(), name).vjp(**given)
-        return [found[by] for by in given["by"]]
+    def gradient(by: Any, **given: Any) -> Any:
+        found = getattr(compiled(), name).vjp(by=by, **given)
+        return [found[one] for one in by or ()]
 
     names = (*question.inputs, *question.by_name(everything().chain))
     given = {x: Later(lambda x=x: sound(x)) for x in names}

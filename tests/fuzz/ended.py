@@ -114,4 +114,4 @@ def not_numbers(x: Any, where: str, depth: int = 0) -> Iterator[str]:
         for one in dataclasses.fields(x):
             if (type(x), one.name) in UNKNOWN:
                 continue
-            yield from not_numbers(getattr(x, one.name), f"{where}.{one.name}", depth + 1)
+            yield from not_numbers(getattr(x, one.name, None), f"{where}.{one.name}", depth + 1)

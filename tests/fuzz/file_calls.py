@@ -70,8 +70,20 @@ def swept(state: Any, low: Any, high: Any, deviation: Any, turn: Any, parameters
     levels=[0.5],
     run=1,
 )
-def _sweep(name: Any, title: Any, levels: Any, run: Any, **given: Any) -> Any:
-    made = swept(store=name, **given)
+def _sweep(
+    state: Any,
+    low: Any,
+    high: Any,
+    deviation: Any,
+    turn: Any,
+    name: Any,
+    title: Any,
+    levels: Any,
+    run: Any,
+    parameters: Any,
+    **given: Any,
+) -> Any:
+    made = swept(state, low, high, deviation, turn, parameters, name, **given)
     list(made.batches([title]))
     return made.status_counts, made.quantiles(title, levels), made.run(run).q, repr(made)
 
@@ -110,8 +122,8 @@ def _identify(recording: Any, **given: Any) -> Any:
 
 
 @call("identify by wrists", recording=Later(recording), by="wrist_wrench", sensor_bias=True)
-def _identify_wrists(**given: Any) -> Any:
-    return _identify(**given)
+def _identify_wrists(recording: Any, **given: Any) -> Any:
+    return _identify(recording, **given)
 
 
 call("base_parameters", matrix=np.vander(np.arange(1.0, 8.0), 3), names=["a", "b", "c"], tolerance=1e-9)(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import pytest
 
-from tests.fuzz import chain_calls, part_calls  # noqa: F401 (adds its calls)
+from tests.fuzz import branch_calls, chain_calls, part_calls  # noqa: F401 (adds its calls)
 from tests.fuzz.calls import CALLS
 from tests.fuzz.ended import Fault, ended
 from tests.fuzz.odd import spoilt

@@ -12,6 +12,7 @@ from holdfast.identification import base_parameters
 from tests.fuzz.calls import CALLS, everything, fixed, rigid
 from tests.fuzz.ended import ended
 from tests.fuzz.fuzzed import QUICK, every_call, fuzzed
+from tests.fuzz.odd import Failing
 from tests.robots.test_urdf_trunk import HEAVY_BASE
 
 CASES, PARTS = 3000, 6
@@ -25,7 +26,7 @@ def test_some_wrong_calls(part):
     assert ends["answered"] and ends["StateError"] and ends["ModelError"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sound_calls_are_answered():
     """As they are in the table, so that what is spoilt is what is refused."""
     for name in every_call():
@@ -136,6 +137,11 @@ FOUND = {
         lambda: hf.assemble(CHAIN.arms, CHAIN.held_object, CHAIN.grasps, q={"arm1": np.full(4, 1e200)}),
         StateError,
         "q of 'arm1': expected at most 100000 rad or m",
+    ),
+    "twists": (
+        lambda: hf.State([], [], [START, START], Failing()),
+        StateError,
+        "state: object_twist: expected an array of numbers",
     ),
     "a rank": (lambda: hf.compile_rollout(CHAIN, generic_rank=99), StateError, "rollout: generic_rank: expected"),
 }  # fmt: skip

@@ -22,6 +22,7 @@ def test_actions_accelerate_the_object():
     assert moved == pytest.approx(env.task.acceleration * action[:6], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_actions_squeeze():
     """At rest the internal force is that of the action: contacts that face each other keep all of a push."""
     env = hf.gym.Carry(carry())

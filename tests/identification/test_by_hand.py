@@ -126,6 +126,7 @@ def test_noisy_positions(step, white):
     assert apart < 4 * np.hypot(every.deviations["mass"], half.deviations["mass"])
 
 
+@pytest.mark.slow
 def test_accelerations_that_are_noisy_are_named():
     """Given with noise, they draw the mass towards zero, and a note says so."""
     chain, exact = lifted(step=0.0)

@@ -13,6 +13,7 @@ from holdfast.identification import Recording
 from holdfast.identification.equations import Settings, equations, unknowns_of
 from holdfast.identification.estimate import estimate
 from tests.identification.recorded import BOX, noisy, recorded, two_pandas
+from tests.longer import mostly_slow
 
 TRUE = np.r_[BOX.mass, BOX.com, BOX.inertia[np.triu_indices(3)]]
 GUESS = hf.HeldObject.box(2.4, 0.3, 0.3, 0.3)  # a fifth lighter, its mass centre 54 mm off
@@ -157,7 +158,7 @@ def test_offsets_of_sensors(model, swung):
     assert all(found.deviations[name] == np.inf for name in found.names[10:])
 
 
-@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize("by", mostly_slow(BY, BY[:1]))
 def test_tilted_gravity(model, short, by):
     """The arms stand on a floor that is tilted by three degrees, and the model thinks it level."""
     chain, state = two_pandas()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.errors import SceneError
+from holdfast.errors import HoldfastError, SceneError
 from holdfast.interop import load_mjcf
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install mujoco-core")
@@ -157,3 +157,21 @@ def test_refusals(was, now, message):
         return
     with pytest.raises(SceneError, match=message):
         load_mjcf(GRIPPER.replace(was, now), tip="grip", branches=True)
+
+
+BEYOND = {
+    "not a number": ('damping="0"', 'damping="nan"', "expected numbers, got NaN in an attribute"),
+    "a coupling": ("0.01 0.8 0 0 0", "0.01 inf 0 0 0", "expected finite numbers"),
+    "an inertia": ('size="0.05 0.1 0.02"', 'size="0.05 inf 0.02"', "expected finite numbers"),
+}
+
+
+@pytest.mark.parametrize("what", BEYOND)
+def test_numbers_beyond_all(what, tmp_path, monkeypatch, capfd):
+    """They are refused without a warning; MuJoCo says nothing on the screen and writes no file of its own."""
+    monkeypatch.chdir(tmp_path)
+    was, now, message = BEYOND[what]
+    assert was in GRIPPER
+    with pytest.raises(HoldfastError, match=message):
+        load_mjcf(GRIPPER.replace(was, now, 1), branches=True)
+    assert capfd.readouterr() == ("", "") and not [*tmp_path.iterdir()]

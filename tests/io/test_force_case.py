@@ -55,6 +55,7 @@ def solve(capsys):
     return run
 
 
+@pytest.mark.slow
 def test_every_question(solve):
     """The command's verdicts are right, values and least violations to 1e-8, torques to 1e-5 of their limits."""
     code, answers = solve(FILE, "--method", "all")

@@ -29,6 +29,7 @@ def answered(capsys, file, *options: str) -> tuple[int, list[dict]]:
     return code, json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
 
 
+@pytest.mark.slow
 def test_every_forest(capsys):
     """The command answers all stored forests by `sequential` and `kkt`, and refuses the rest by name."""
     code, answers = answered(capsys, FILE, "--method", "all")

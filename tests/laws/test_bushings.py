@@ -111,6 +111,7 @@ def test_an_external_wrench(seed):
     assert (found.rank, expected.rank) == (expected.rank + 6, found.rank - 6) and found.mobility == expected.mobility
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", mostly_long(range(3), [0]))
 def test_every_method(seed):
     """Dense equations, inverse dynamics and machine code, one system, many and bound; whose answers are the same."""

@@ -85,6 +85,7 @@ def held():
     return sprung(replace(p.chain, arms=smooth))[0], p.state
 
 
+@pytest.mark.slow
 def test_energy():
     """Kinetic, weights' and springs' energies together do not change."""
     chain, state = held()

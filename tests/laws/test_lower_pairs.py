@@ -199,7 +199,12 @@ LONGER = [("slider", "universal"), ("screw", "rigid")]
 
 
 @pytest.mark.parametrize(
-    "kinds", [("cylinder", "planar"), *(pytest.param(k, marks=pytest.mark.long) for k in LONGER)], ids="-".join
+    "kinds",
+    [
+        pytest.param(("cylinder", "planar"), marks=pytest.mark.slow),
+        *(pytest.param(k, marks=pytest.mark.long) for k in LONGER),
+    ],
+    ids="-".join,
 )
 def test_simulation(kinds):
     """Runs without torques keep energy and grasps, and a rollout is the same run."""

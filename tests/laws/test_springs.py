@@ -144,6 +144,7 @@ def test_machine_code():
     assert relative_gap(back, tau) <= 1e-11
 
 
+@pytest.mark.slow
 def test_energy():
     """Kinetic, weights' and springs' energies together do not change."""
     chain, state, _ = still_bases(4, damped=False)
@@ -153,6 +154,7 @@ def test_energy():
     assert np.ptp(run.kinetic + run.potential - damping) <= 1e-11 * np.abs(run.kinetic).max()
 
 
+@pytest.mark.slow
 def test_power_balance_of_a_run():
     """What is lost is what the dampers took, and momentum changes by what springs to the world pull."""
     chain, state, _ = still_bases(4, damped=True)

@@ -120,6 +120,7 @@ def test_a_mobile_manipulator_drives():
     assert heavy.weakest.value < plan.weakest.value
 
 
+@pytest.mark.slow
 def test_a_platform_moves_where_the_arms_alone_do_not_reach():
     """What is out of reach of the arms on a platform that stands is reached by one that drives."""
     chain, state = mobile()

@@ -136,6 +136,7 @@ def test_result_keeps_its_robots(folder, tmp_path_factory, monkeypatch, cli):
     assert (elsewhere / "page.html").read_text() == page
 
 
+@pytest.mark.slow
 def test_result_that_keeps_no_robots(folder, tmp_path_factory, monkeypatch, cli):
     """A folder of holdfast 0.1 knows where the robots were; if one has changed since, or has gone, that is said."""
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")

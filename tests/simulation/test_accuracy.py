@@ -87,6 +87,7 @@ def test_tolerance_buys_energy(rtol, steps, drift):
     assert balances.steps <= steps
 
 
+@pytest.mark.slow
 def test_thirty_digits():
     """A five-bar linkage after 0.05 s agrees with two coordinates integrated in 30 digits, and so with springs."""
     motions = [Motion(BAR, (0.2, -0.5), (1.0, -2.0), *forces) for forces in ((), (pulls,))]

@@ -177,6 +177,7 @@ def test_tolerance_is_met():
     assert len(runs[1]) < 4 * len(runs[0])
 
 
+@pytest.mark.slow
 def test_jumps():
     """A torque that jumps inside a step is found by the error; where the jump is a knot, nothing is tried twice."""
 
@@ -298,6 +299,7 @@ def test_memory_moves_on_once():
     assert found.instant.memory == 2
 
 
+@pytest.mark.slow
 def test_what_cannot_be_closed_whole():
     """A step that leaves the grasps too far open is refused whole, and taken in parts."""
     whole, now = balls_moving()

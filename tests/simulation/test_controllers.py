@@ -95,7 +95,7 @@ PULLED = ControlLaw(
     [
         ({"on_limit": "clip"}, STEPS["few"]),
         ({"sample_time": 2e-4}, STEPS["few"]),
-        ({}, STEPS_WORTH_COMPILING),
+        pytest.param({}, STEPS_WORTH_COMPILING, marks=pytest.mark.slow),
         pytest.param({"inputs": lambda t: Inputs()}, STEPS_WORTH_COMPILING, marks=pytest.mark.long),
         pytest.param({"on_limit": "clip", "sample_time": 2e-4}, STEPS["many"], marks=pytest.mark.long),
     ],

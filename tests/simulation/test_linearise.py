@@ -151,6 +151,7 @@ def test_coordinates_of_a_step():
     assert np.abs(model.coordinates(model.state)).max() < 1e-14
 
 
+@pytest.mark.slow
 def test_coordinates_of_another_state():
     """A state of other joints, or none, is refused."""
     p, other = held(GRASPS[0]), as_chain(random_system(2, arms=1, joints=[4], grasps=["rigid"], moving_base=False))

@@ -95,6 +95,7 @@ def test_line_symmetric_loops(seed):
         assert max(np.abs(gap.position).max() for gap in hf.dynamics.closure(chain, run.state(-1)).values()) < 1e-14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", mostly_long([3, 20], [3]))
 def test_planar_mechanisms_in_space(seed):
     """As in the complex plane, where the constraint has no row too many."""
@@ -170,6 +171,7 @@ def test_a_single_call_beside_the_constraint():
     assert np.abs(near.qdd - exact.qdd).max() < 1e-2
 
 
+@pytest.mark.slow
 def test_machine_code_beside_the_constraint():
     """Single calls raise the same, systems of a batch are INVALID, whichever comes first: never a silent answer."""
     chain, there = moved(duration=0.6)

@@ -23,6 +23,7 @@ from holdfast.simulation.run_record import STATE_NAMES, STATES
 from holdfast.simulation.summary import summarise, summary_of_parts
 from holdfast.simulation.trajectory import EMPTY_FIELDS, LOWEST, array_names, part_of
 from tests.control.two_pandas import two_pandas
+from tests.longer import mostly_slow
 
 STEP = 1e-3
 
@@ -140,7 +141,7 @@ def test_resumed(options):
             np.testing.assert_array_equal(getattr(later, name), getattr(whole, name)[begin:], err_msg=name)
 
 
-@pytest.mark.parametrize("options", [{}, {"every": 4}, {"record": STATES}])
+@pytest.mark.parametrize("options", mostly_slow([{}, {"every": 4}, {"record": STATES}], [{"every": 4}]))
 def test_folder_and_memory(tmp_path, monkeypatch, options):
     """A run whose samples are only on disk has the same arrays, summary and files as one in memory."""
     inside = lift(0.1, folder=tmp_path / "inside", **options)

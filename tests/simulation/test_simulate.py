@@ -52,6 +52,7 @@ def test_steps_are_bounded(monkeypatch):
     assert len(run) == 5
 
 
+@pytest.mark.slow
 def test_free_fall_keeps_energy():
     """Two limp arms fall with their object: T + V stays what it was."""
     p = problem(seed=3, arms=2, joints=7, grasps="rigid")
@@ -124,6 +125,7 @@ def test_flat_parallelogram_stops_the_run():
     assert run.q[-1, 0] == pytest.approx(rate * step, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_diverging_run_stops():
     """Torques that blow the state up end the run; what came before is finite."""
     p = problem(arms=1, joints=6, grasps="rigid")

@@ -68,6 +68,7 @@ TELLING = ["threads by hand", "on a trunk", "floating"]
 FURTHER = sorted(MECHANISMS.keys() - set(TELLING))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", mostly_slow(MECHANISMS, ["threads by hand"]))
 def test_whole_steps(name):
     """Of steps of machine code, most of which are taken together."""

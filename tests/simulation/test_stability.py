@@ -20,6 +20,7 @@ from holdfast.simulation.joint_friction import SMOOTHING_RATE, friction_slope, f
 from holdfast.simulation.runge_kutta import RK4, SCHEMES, scheme
 from holdfast.simulation.stability import fastest_decay, feedback_resistance, passive_resistance
 from tests.control.two_pandas import rubber_pandas
+from tests.longer import mostly_slow
 from tests.simulation.damped import outcome, problem
 from tests.simulation.gantries import squeezed
 from tests.simulation.one_step import one_step
@@ -97,7 +98,9 @@ def test_slope_of_friction():
     assert friction_slope(size, np.zeros(3)) == pytest.approx(size / SMOOTHING_RATE)
 
 
-@pytest.mark.parametrize(("name", "used"), [("rk4", 0.9 * 2.7852935634), ("midpoint", 1.8)])
+@pytest.mark.parametrize(
+    ("name", "used"), mostly_slow([("rk4", 0.9 * 2.7852935634), ("midpoint", 1.8)], [("midpoint", 1.8)])
+)
 def test_implicit_from_the_start(name, used):
     """Beyond 0.9 of the interval, not before; steps a hundred times as long lead where theory does."""
     chain, state = squeezed(BALLS, damping=DAMPING)

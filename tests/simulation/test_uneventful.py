@@ -229,6 +229,7 @@ def test_a_sample_is_asked_for_once(monkeypatch):
     np.testing.assert_allclose(asked, STEP * np.arange(STEPS), atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", mostly_slow([{}, {"scheme": "midpoint"}, {"breakpoints": [0.0205]}], [{}]))
 def test_a_function_is_called_at_the_stages(options):
     """Once at each, if no margin needs a closer look; the motion is that of the traced law, and so are the margins."""

@@ -122,6 +122,7 @@ def test_refused_points():
     assert step(curves, acting=[0]).end.t == pytest.approx(0.3 * H, abs=1.1e-13)
 
 
+@pytest.mark.slow
 def test_dips_of_a_chain():
     """Twenty dips of a contact's margin, from a quarter of a step on and of any shape, are all found."""
     dips = Dips.random(20, H, 0.25, 1.5, seed=7)

@@ -25,6 +25,7 @@ def shown(p: Problem, motion=None):
     return run, playback, notebook, ChainScene(notebook, playback)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alone", [True, False])
 def test_where_it_stands(alone):
     """Its node and its tip are where the base is, and move with it; its foot and its name are there."""

@@ -53,6 +53,7 @@ def test_bars(within):
     assert [len(group["bars"]) for group in bars(replace(within, chain=bare))] == [7, 7]
 
 
+@pytest.mark.slow
 def test_commanded_beside_actual(within):
     """The wish of 5 N has its own arrows and curves; without a known controller there are none."""
     found = {plot["title"]: plot["curves"] for plot in plots(within)}

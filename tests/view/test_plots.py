@@ -15,6 +15,7 @@ from holdfast.view.figure_style import usual_range
 from holdfast.view.plots import figures, slips
 from holdfast.view.summary_table import rows, summary_table
 from tests.control.two_pandas import two_pandas
+from tests.longer import mostly_slow
 from tests.view.runs import lifted
 
 SAFE = {figure_style.BLUE, figure_style.VERMILLION, figure_style.GREEN, figure_style.ORANGE, figure_style.PURPLE,
@@ -57,7 +58,9 @@ def chains():
     return {"two": chain, "six": many, "none": chain.without_grasp("left").without_grasp("right")}, state
 
 
-@pytest.mark.parametrize(("which", "samples"), [("two", 1), ("six", 30), ("none", 30)])
+@pytest.mark.parametrize(
+    ("which", "samples"), mostly_slow([("two", 1), ("six", 30), ("none", 30)], [("two", 1), ("none", 30)])
+)
 def test_figures(which, samples, recwarn):
     """What has something to show is drawn, with a unit on every outer axis and no warning."""
     every, state = chains()

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from holdfast.cli import streams
 from holdfast.errors import ClosureError, HoldfastError, MethodNotApplicable, SingularChainError
+from holdfast.names import is_numeric_failure, numeric_failure
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,6 +57,9 @@ def _run(argv: Sequence[str] | None, stdout: streams.WatchedStdout) -> int:
         streams.complain("not enough memory; try fewer samples, frames or joints")
         return streams.EXIT_NO_MEMORY
     except Exception as fault:
+        if is_numeric_failure(fault):
+            streams.complain(str(numeric_failure("input")))
+            return streams.EXIT_BAD_INPUT
         return _report(fault) if stdout.fault is None else streams.EXIT_OUTPUT
 
 

@@ -6,7 +6,9 @@ import ast
 import contextlib
 import functools
 import io
+import os
 import re
+import textwrap
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -32,6 +34,7 @@ COMMANDS = {
     "methods": "solve",
     "doctor": "doctor",
 }
+LONGEST_REFUSAL = 1000  # characters of the parser's, which repeats arguments in full
 REPEATABLE = ("--set", "--function", "--of", "--by")  # options that may be given more than once
 MOVED_COMMANDS = {"bench": "try `python -m benchmarks.bench` in a clone of the repository"}
 
@@ -49,7 +52,11 @@ def run(arguments: list[str]) -> int:
         return 0
     for argument in arguments:
         if not argument or "\0" in argument or (argument.startswith("--") and argument.endswith("=")):
-            raise SceneError(f"expected a name that is not empty and contains no NUL, got {argument!r}")
+            raise SceneError(f"expected a name that is not empty and contains no NUL, got {argument[:60]!r}")
+        try:
+            os.fsencode(argument)
+        except UnicodeEncodeError as cause:
+            raise SceneError(f"expected a name that files can have, got {argument[:60]!r}") from cause
     first = arguments[0] if arguments else "--help"
     if not first.startswith("-") and first not in COMMANDS:
         advice = f"; {MOVED_COMMANDS[first]}" if first in MOVED_COMMANDS else f".{checks.did_you_mean(first, COMMANDS)}"
@@ -103,7 +110,7 @@ def _parsed(arguments: list[str], commands: dict[str, Callable[..., Any]]) -> Ca
 def _unboxed(message: str) -> str:
     """Return tyro's message without its title (the first line), its frame and its horizontal lines."""
     _, _, text = message.strip().partition("\n")
-    return re.sub(r"[─│╭╮╰╯]+|-{4,}", " ", text or message)
+    return textwrap.shorten(re.sub(r"[─│╭╮╰╯]+|-{4,}", " ", text or message), LONGEST_REFUSAL, placeholder=" ...")
 
 
 def _later(name: str) -> Callable[..., Callable[[], int]]:

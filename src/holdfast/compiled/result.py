@@ -13,6 +13,7 @@ from holdfast.compiler.kernel import address_of, aligned
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.names import unknown_attribute
 from holdfast.spatial.scalar import Array
 
 # The numbers of the statuses in machine code; see `forward_schedule.status_of_rank`.
@@ -95,7 +96,7 @@ class SolvedResults(Results):
     def __getattr__(self, name: str) -> Array:
         """Return an array of results, made when first asked for."""
         if name.startswith("__") or name not in self.layout.shapes:
-            raise AttributeError(f"a result has no '{name}'")
+            raise unknown_attribute(self, name)
         return self.__dict__.setdefault(name, self.array(name))
 
     @property

@@ -150,6 +150,11 @@ def _require_inertia(what: str, pivots: Array) -> None:
     lacking = np.flatnonzero(~(pivots > LEAST_INERTIA * np.max(pivots, initial=0.0, where=np.isfinite(pivots))))
     if lacking.size:
         k = int(lacking[-1])  # the singular pivot nearest the tip makes those closer to the base singular too
+        if not np.isfinite(pivots[k]):
+            raise ModelError(
+                f"{what}, joint {k + 1}: the inertia about its axis overflows float64; check the masses and lengths of"
+                " the links beyond it"
+            )
         raise ModelError(
             f"{what}, joint {k + 1}: the inertia about its axis is {pivots[k]:.3g}, expected > 0; give the links"
             " beyond it mass or inertia, or the joint an armature, and keep the links' masses within 1e12 of each other"

@@ -38,9 +38,12 @@ class Certificate(Frozen):
     @property
     def words(self) -> str:
         """The limits that conflict, with their shares, in a sentence."""
-        listed = [f"{name} ({share:.0%})" for name, share in self.shares.items() if share >= MENTIONED_SHARE]
+        large = sum(share >= MENTIONED_SHARE for share in self.shares.values())
+        listed = [f"{name} ({share:.0%})" for name, share in self.shares.items()][: large or MOST_PRICES]
         if len(listed) == 1:
             return f"{listed[0]} is not enough: it lacks {self.lack:.3g} N"
+        if not large and len(self.shares) > len(listed):
+            listed.append(f"{len(self.shares) - len(listed)} more")
         return f"{', '.join(listed[:-1])} and {listed[-1]} conflict: together they lack {self.lack:.3g} N"
 
 

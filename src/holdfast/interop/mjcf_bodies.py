@@ -174,6 +174,7 @@ def add_branches(robot: MjcfRobot, group: BodyGroup, elsewhere: Container[int]) 
             waiting.append((body, there))
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def link_of(model: Any, group: BodyGroup) -> Link:
     """Return the bodies of a group as one link."""
     parts: list[tuple[float, Array, Array]] = []

@@ -119,6 +119,7 @@ def _refused(moving: Moving, e: int, why: str) -> SceneError:
     )
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def _coupling(moving: Moving, e: int, sides: list[tuple[Mapping[str, float], float]]) -> Coupling:
     """Return x - x0 = c0 + c1 (y - y0) of lengths x and y, each a sum of joints with its value at the reference."""
     degree = moving.robot.model.eq_data[e][:5]

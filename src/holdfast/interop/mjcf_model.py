@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 import os
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -105,15 +107,29 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any, tuple[st
         found.compiler.fusestatic = False
         return found
 
-    with warnings.catch_warnings(action="ignore"):  # deprecation warnings for attributes that still work
+    with warnings.catch_warnings(action="ignore"), _warned(mujoco) as said:  # deprecated attributes that still work
         try:
-            return source, spec().compile(), unknown
+            compiled = spec().compile()
         except (ValueError, TypeError) as cause:
             reason = " ".join(str(cause).split())
-        try:
-            return source, _without_meshes(mujoco, spec()).compile(), unknown
-        except (ValueError, TypeError) as cause:
-            raise SceneError(f"{source}: MuJoCo cannot compile it: {reason}") from cause
+            try:
+                compiled = _without_meshes(mujoco, spec()).compile()
+            except (ValueError, TypeError):
+                raise SceneError(f"{source}: MuJoCo cannot compile it: {reason}") from cause
+    if any("NaN" in one for one in said):
+        raise SceneError(f"{source}: expected numbers, got NaN in an attribute")
+    return source, compiled, (*unknown, *(f"{source}: MuJoCo: {' '.join(one.split())}" for one in said))
+
+
+@contextmanager
+def _warned(mujoco: Any) -> Iterator[list[str]]:
+    """Yield MuJoCo's warnings, which it would print and append to MUJOCO_LOG.TXT in the working directory."""
+    said, before = list[str](), mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(said.append)
+    try:
+        yield said
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def _require_mjcf(given: Any, is_text: bool, source: str) -> tuple[str, ...]:

@@ -209,7 +209,7 @@ def fastest_passive(chain: ClosedChain, state: State) -> tuple[Decay, bool]:
     try:
         decay = fastest_decay(chain, state, passive_resistance(chain, state.qd))
         swing = fastest_swing(chain, state, of_joints(chain, passive_terms(chain).stiffness))
-    except np.linalg.LinAlgError:  # masses differ by too much for an answer; each step is still checked
+    except (np.linalg.LinAlgError, StateError):  # masses differ by too much for an answer; each step is still checked
         return Decay(0.0, chain.joint_names()[0]), False
     return max((decay, False), (swing, True), key=lambda found: found[0].rate)
 

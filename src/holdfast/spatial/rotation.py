@@ -173,8 +173,12 @@ def to_euler_zyx(R: Array) -> Array:
 
 
 def is_rotation(R: Array, tolerance: float) -> bool:
-    """Return whether R^T R = I and det R = +1 within the tolerance."""
-    return bool(np.abs(product(R.T, R) - np.eye(3)).max() <= tolerance and dot(R[0], cross(R[1], R[2])) > 0)
+    """Return whether R^T R = I and det R = +1 within the tolerance, floats only."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()  # Python's floats, as models are made of thousands of rotations
+    lengths = (a * a + d * d + g * g - 1.0, b * b + e * e + h * h - 1.0, c * c + f * f + i * i - 1.0)
+    angles = (a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i)
+    right_handed = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) > 0.0
+    return right_handed and all(abs(gap) <= tolerance for gap in (*lengths, *angles))
 
 
 def skewness(R: Array) -> Scalar:

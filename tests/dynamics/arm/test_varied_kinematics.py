@@ -9,6 +9,7 @@ from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.spatial import rotation
 from holdfast.spatial.differentiation import gradient, linearised
 from tests.dynamics.problems import random_arm
+from tests.longer import mostly_slow
 
 seeds = pytest.mark.parametrize("seed", range(6))
 
@@ -47,7 +48,7 @@ def test_rates_and_gradients(seed):
         np.testing.assert_allclose(x, y, rtol=0, atol=1e-13 * np.abs(y).max())
 
 
-@seeds
+@pytest.mark.parametrize("seed", mostly_slow(range(6), range(5)))
 def test_derivatives_of_derivatives(seed):
     """Rates of a gradient, where numbers carry derivatives of both."""
     own, plain, (q, R) = functions(seed)

@@ -43,7 +43,7 @@ def motion_of(case) -> ForestMotion:
     return forest_motion(case.forest, case.q, case.qd, case.tau - damping * case.qd, case.wrenches)
 
 
-@pytest.mark.parametrize("method", ["sequential", "kkt"])
+@pytest.mark.parametrize("method", mostly_slow(["sequential", "kkt"], ["sequential"]))
 def test_stored_forests(method):
     """Sixty forests in ten families: accelerations, forces, the least ones where they are not unique, and ranks."""
     for case, notes in cases():

@@ -21,6 +21,7 @@ from tests.longer import mostly_long, mostly_slow
 from tests.systems.random_forests import random_forest
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", mostly_long(range(100), {3}))
 def test_against_dual_numbers(seed):
     """All derivatives by all arguments, against dual numbers over equations without elimination; transposes agree."""

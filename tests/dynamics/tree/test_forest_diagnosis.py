@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holdfast.dynamics import forest_diagnose, forest_dynamics, forest_dynamics_vjp
+from holdfast.dynamics import forest_close, forest_diagnose, forest_dynamics, forest_dynamics_vjp
 from holdfast.errors import SingularChainError, StateError
-from holdfast.model.forest import Closure, Forest
+from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody
+from holdfast.model.grasp import Grasp
+from holdfast.model.link import Link
 from tests.dynamics.tree.problems import parallelogram, slider_crank
 from tests.systems.random_forests import random_forest
 
@@ -67,3 +69,17 @@ def test_derivatives_of_a_singular_posture():
         forest_dynamics_vjp(forest, np.zeros(3), np.zeros(3), np.zeros(3), qdd=np.ones(3))
     with pytest.raises(StateError, match="closure 0: position gap"):
         forest_diagnose(forest, [0.4, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "spherical"])
+def test_closures_beyond_all_numbers(kind):
+    """No rank is read from numbers that are none, and no velocities; pytest makes errors of warnings."""
+    far = [1.0, 0.0, 0.0, 0.0, 1e308, 1e308, 1e308]
+    body = ForestBody(Link(1.0, inertia=np.eye(3)), BodyJoint(kind))
+    forest = Forest([body], [Closure(None, 0, Grasp("ball", far), far)])
+    q = np.eye(4)[0] if kind == "spherical" else np.zeros(1)
+    with pytest.raises(StateError, match="overflow of float64"):
+        forest_diagnose(forest, q)
+    if kind != "prismatic":  # which has no lever
+        with pytest.raises(StateError, match="overflow of float64"):
+            forest_close(forest, q)

@@ -20,6 +20,7 @@ def after(rollout: Rollout, systems: RolloutSystems, steps: int, **options) -> R
     return rollout.step(systems.copy(), STEP, steps=steps, **options)
 
 
+@pytest.mark.slow
 def test_place_in_the_batch():
     """Alone, in tails of every length, turned round, in one thread or more than there are blocks."""
     rollout, (_, state) = swinging("five"), problem("five")

@@ -195,6 +195,7 @@ def gains(target: float) -> dict[str, object]:
     return {"gain": np.array([40.0, 15.0, 3.0]), "target": target}
 
 
+@pytest.mark.slow
 def test_memory_moves_once_a_step():
     """Steps count, whether parameters change or not, are given again or not; each chapter's first torque is its own."""
     rollout, state = integrating()

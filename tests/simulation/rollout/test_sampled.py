@@ -69,7 +69,7 @@ WAYS += [
 ]
 
 
-@pytest.mark.parametrize(("name", "delay", "scheme", "imperfect"), mostly_slow(WAYS, [WAYS[3], WAYS[5]]))
+@pytest.mark.parametrize(("name", "delay", "scheme", "imperfect"), mostly_slow(WAYS, [WAYS[3]]))
 def test_as_simulate(name, delay, scheme, imperfect):
     """The same law gives the same motion and torques, for delays of part of a sample and of several, and with noise."""
     of, (chain, state) = rollout(name, delay, scheme, imperfect), problem(name)
@@ -278,6 +278,7 @@ def test_gradients():
         rounded.tape(started(rounded, 1), H, steps=2).vjp()
 
 
+@pytest.mark.slow
 def test_steps_that_miss_samples():
     """Refused before anything moves, with the steps that would do."""
     chain, _ = problem("one")

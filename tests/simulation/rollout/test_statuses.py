@@ -16,6 +16,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.compiler.programs import same_bits
+from tests.longer import mostly_slow
 from tests.simulation.gantries import squeezed
 from tests.simulation.rollout.problems import arrays, elsewhere, problem, swinging, tiled
 from tests.systems import planar_parallelogram
@@ -137,7 +138,7 @@ def test_singular_at_a_steps_end_or_inside():
         assert isinstance(reference.advance(now, [1e-2])[0].failure, SingularChainError)
 
 
-@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("first", mostly_slow([True, False], [False]))
 def test_singular_at_the_start(first):
     """A batch may begin with a singular system: it stands still, the generic rank is found from another."""
     rollout = compile_rollout(parallelogram().chain)

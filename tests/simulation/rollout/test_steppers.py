@@ -21,6 +21,7 @@ from holdfast.simulation.runge_kutta import scheme
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.spatial import rotation
 from tests.dynamics.problems import random_problem
+from tests.longer import mostly_slow
 from tests.simulation.rollout.problems import arrays, difference, generic_rank, numbers, problem, swinging, swinging_law
 from tests.systems.lower_pairs import JOINTS, grasp_of
 from tests.systems.problems import largest_gaps
@@ -53,7 +54,10 @@ def agree(stepper: Stepper, reference: Stepper, state: State, memory: Any = None
             assert mine[1] <= 1e-13
 
 
-@pytest.mark.parametrize(("name", "by"), [("five", "rk4"), ("nobody holds", "rk4"), ("one", "midpoint")])
+FEWER = [("nobody holds", "rk4"), ("one", "midpoint")]
+
+
+@pytest.mark.parametrize(("name", "by"), mostly_slow([("five", "rk4"), *FEWER], FEWER))
 def test_fused(name, by):
     """Torques of time, state and memory; a wrench on the object."""
     chain, state = problem(name)
@@ -71,7 +75,7 @@ def stubborn(t: float, state: State, memory: Any) -> tuple[np.ndarray, Any]:
     return tau, [*count, t]
 
 
-@pytest.mark.parametrize(("name", "by"), [("five", "rk4"), ("nobody holds", "rk4"), ("one", "midpoint")])
+@pytest.mark.parametrize(("name", "by"), mostly_slow([("five", "rk4"), *FEWER], FEWER))
 def test_python_law(name, by):
     """A function that branches and remembers, asked once a stage; torques between the stages are close to its own."""
     chain, state = problem(name)

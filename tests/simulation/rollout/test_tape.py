@@ -138,6 +138,7 @@ def test_gradients(rolled):
     assert rolled.worst(NAMES) < TOLERANCE
 
 
+@pytest.mark.slow
 def test_bits(rolled):
     """The same bits whether states are kept or steps taken again, on threads, and for one system."""
     tape = rolled.tape({}, 0.0)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.elimination import ForestSolution
 from holdfast.dynamics.tree.forest_balance import kinetic_energy
-from holdfast.dynamics.tree.forest_dynamics import by_plan, forest_arguments
+from holdfast.dynamics.tree.forest_dynamics import finite_by_plan, forest_arguments
 from holdfast.dynamics.tree.forest_gaps import ForestGaps, position_gaps, require_closed, velocity_gaps
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces, reach, turning
@@ -164,7 +164,7 @@ def _velocity_change(given: ForestArguments) -> tuple[Array, ForestSolution, For
     """Return the change of rates that removes velocity gaps, the solution at rest, and the motion before."""
     motion = given.motion({})
     gaps = velocity_gaps(motion, given.qd)
-    found = by_plan(motion.at_rest_with([-x for x in gaps.closures], [-x for x in gaps.couplings]))
+    found = finite_by_plan(motion.at_rest_with([-x for x in gaps.closures], [-x for x in gaps.couplings]))
     change = [body.of_frame(x) for body, x in zip(motion.bodies, found.qdd, strict=True)]
     return np.concatenate(change), found, motion
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.rank import NEIGHBOUR_DISTANCE, NEIGHBOURS, SHORTER, STRAYED
 from holdfast.dynamics.tree.branches import ForestPart
 from holdfast.dynamics.tree.forest_closing import closed_positions
-from holdfast.dynamics.tree.forest_dynamics import by_plan, forest_arguments
+from holdfast.dynamics.tree.forest_dynamics import finite_by_plan, forest_arguments
 from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, reach, turning
@@ -134,7 +134,7 @@ def diagnosed(given: ForestArguments) -> ForestDiagnosis:
         rank=rank,
         generic_rank=sum(part.generic_rank for part in parts),
         rows=forest.constraint_row_count,
-        condition=np.inf if singular else 1.0 / float(by_plan(motion).weakest),
+        condition=np.inf if singular else 1.0 / float(finite_by_plan(motion).weakest),
         parts=parts,
     )
 
@@ -165,7 +165,7 @@ def judged(forest: Forest, part: ForestPart, q: Array) -> PartDiagnosis:
     couplings = [_as_it_stands(forest, forest.couplings[i], q) for i in part.couplings]
     own = Forest(forest.bodies, [forest.closures[i] for i in part.closures], couplings)
     rows, motion = own.constraint_row_count, _at_rest(own, q)
-    rank = generic = int(by_plan(motion).rank)
+    rank = generic = int(finite_by_plan(motion).rank)
     status: PartStatus = "regular"
     words = f"rank {rank} of {rows}"
     if rank < rows:
@@ -218,7 +218,7 @@ class _Alone:
                 moved = self.closed(distance * step)
                 if moved is not None and np.abs(moved[self.own]).max() <= STRAYED * distance:
                     there = displaced(self.forest, self.q, self.unit * moved)
-                    rank = max(rank, int(by_plan(_at_rest(self.forest, there)).rank))
+                    rank = max(rank, int(finite_by_plan(_at_rest(self.forest, there)).rank))
                     break
             if rank == self.forest.constraint_row_count:
                 break

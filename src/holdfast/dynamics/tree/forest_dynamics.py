@@ -71,6 +71,21 @@ def by_plan(motion: ForestMotion) -> ForestSolution:
     return solved(motion, plan_of(motion.forest.topology))
 
 
+def finite_by_plan(motion: ForestMotion) -> ForestSolution:
+    """Return the solution by the elimination after checking that it is finite, since no rank is read from NaN.
+
+    Raises:
+        ModelError: a joint has nothing beyond it that resists its acceleration.
+        StateError: some numbers have overflowed float64.
+    """
+    found = by_plan(motion)
+    numbers = np.concatenate([*found.qdd, *found.wrenches, found.multipliers, [found.weakest]])
+    if not np.isfinite(numbers).all():
+        _require_inertia(motion.forest, found)
+        checks.finite(numbers, "forest")
+    return found
+
+
 FOREST_METHODS: dict[str, Callable[[ForestMotion], ForestSolution]] = {
     "sequential": by_plan,
     "kkt": forest_kkt,
