@@ -27,6 +27,28 @@ STEP, STEPS, ROUNDS, MANY = 1e-3, 500, 5, 1000
 BEGIN, END = "<!-- cost:begin -->\n", "<!-- cost:end -->\n"
 
 
+def with_grippers(serial: hf.ClosedChain, state: hf.State) -> tuple[hf.ClosedChain, hf.State]:
+    """Return a chain with two fingers at every hand, one of which mimics the other."""
+    finger, arms, grasps, q = hf.Link(0.1, [0, 0, 0.02], 1e-4 * np.eye(3)), {}, {}, []
+    for name, arm in serial.arms.items():
+        slides = [
+            hf.Joint("prismatic", axis=[0, side, 0], placement=hf.Pose.translation(0, 0, 0.16), name=f"finger{k + 1}")
+            for k, side in enumerate((1, -1))
+        ]
+        arms[name] = hf.Arm(
+            [*arm.joints, *slides],
+            [*arm.links, finger, finger],
+            base=arm.base,
+            parents=[None, *range(len(arm.joints)), len(arm.joints) - 1],
+            frames={"hand": (len(arm.joints) - 1, arm.tip)},
+            couplings=[hf.Coupling({"finger1": 1.0, "finger2": -1.0})],
+        )
+        grasps[name, "hand"] = serial.grasps[name]
+        q += [*state.q[serial.joints[name]], 0.02, 0.02]
+    chain = hf.ClosedChain(arms, serial.held_object, grasps)
+    return chain, hf.State(q, np.zeros(len(q)), state.object_pose)
+
+
 def costs() -> Iterator[tuple[str, float]]:
     """Yield what is run, and the processor time of a step [us]."""
     rigid, state = facing_pandas()
@@ -40,15 +62,42 @@ def costs() -> Iterator[tuple[str, float]]:
 
     law = hf.ControlLaw(lambda t, now, memory, given: springs(t, now, memory))
     gripped, _ = facing_pandas("softfinger", hf.Friction(mu=0.8, torsion_radius=0.02))
-    runs: tuple[tuple[str, hf.ClosedChain, Any, dict[str, Any]], ...] = (
-        ("`simulate`, a Python function called at every stage", rigid, springs, {}),
-        ("`simulate`, a Python function called once per step (`sample_time`)", rigid, springs, {"sample_time": STEP}),
-        ("`simulate`, a `ControlLaw`, a wrench that is a Python function of time", rigid, law, {"inputs": push}),
-        ("`simulate`, a `ControlLaw`", rigid, law, {}),
-        ("`simulate`, a `ControlLaw`, soft fingers with friction", gripped, law, {}),
+    handy, open_hands = with_grippers(rigid, state)
+    hold_with_hands = hf.holding_torques(handy, open_hands)
+    path = hf.control.RestToRest(open_hands.object_frame, displacement=[0.0, 0.0, 0.05])
+
+    def by_hand(t: Any, now: Any, memory: Any) -> tuple[Any, Any]:
+        return hold_with_hands + 200.0 * (open_hands.q - now.q) - 0.5 * now.qd, memory
+
+    runs: tuple[tuple[str, hf.ClosedChain, hf.State, Any, dict[str, Any]], ...] = (
+        ("`simulate`, a Python function called at every stage", rigid, state, springs, {}),
+        (
+            "`simulate`, a Python function called once per step (`sample_time`)",
+            rigid,
+            state,
+            springs,
+            {"sample_time": STEP},
+        ),
+        ("`simulate`, a `ControlLaw`, a wrench that is a Python function of time", rigid, state, law, {"inputs": push}),
+        ("`simulate`, a `ControlLaw`", rigid, state, law, {}),
+        ("`simulate`, a `ControlLaw`, soft fingers with friction", gripped, state, law, {}),
+        (
+            "`simulate`, hands with two fingers each, a Python function called at every stage",
+            handy,
+            open_hands,
+            by_hand,
+            {},
+        ),
+        (
+            "`simulate`, hands with two fingers each, `ObjectTracking`",
+            handy,
+            open_hands,
+            hf.control.ObjectTracking(handy, path),
+            {},
+        ),
     )
-    for what, chain, controller, options in runs:
-        run = lambda c=chain, f=controller, o=options: hf.simulate(c, state, f, STEPS * STEP, STEP, **o)  # noqa: E731
+    for what, chain, start, controller, options in runs:
+        run = lambda c=chain, x=start, f=controller, o=options: hf.simulate(c, x, f, STEPS * STEP, STEP, **o)  # noqa: E731
         yield what, 1e6 * least_time(run, 1, ROUNDS) / STEPS
     rollout = hf.compile_rollout(rigid, law)
     for count in (1, MANY):

@@ -219,6 +219,7 @@ NAMES = {*GRASP_KINDS, *JOINT_TYPES}
 # MuJoCo's joints, shapes and motions, which share a name with a grasp
 SHAPES = {"robots/primitive.py", "model/visuals.py", "robots/urdf/visuals.py", "view/link_meshes.py"}
 OTHERS = {"interop/mjcf_tree.py", "dynamics/near_singular.py"} | SHAPES
+OTHERS |= {"robots/sdf/joints.py", "robots/sdf/shapes.py"}  # joints and shapes of SDF, likewise
 
 
 def named(node: ast.AST) -> bool:

@@ -198,6 +198,11 @@ class GraspKind(Frozen):
         return self.carried_by != ("world", "world", "world")
 
     @property
+    def crossed(self) -> bool:
+        """Whether each body carries one of the axes, as of a cardan cross."""
+        return {*self.carried_by} == {"tip", "object"}
+
+    @property
     def slides(self) -> bool:
         """Whether the object slides along the tip; the wrench of the grasp is then about the tip's point."""
         return self.threaded or self.by_hand or any(i > 2 for i in self.free)

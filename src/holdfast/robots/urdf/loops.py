@@ -101,6 +101,6 @@ def loops_within(robot: UrdfRobot, folded: FoldedChain) -> dict[str, Closure]:
 
 def _turned_round(closure: Closure) -> Closure:
     """Return the same constraint with its ends exchanged; the axes of a cardan cross are, too."""
-    turn = EXCHANGED if closure.grasp.kind == "universal" else Pose.identity()
+    turn = EXCHANGED if closure.grasp.of_kind.crossed else Pose.identity()
     grasp = closure.grasp.standing_at(closure.tip @ turn)
     return Closure(closure.b, closure.a, grasp, closure.grasp.frame @ turn, closure.name)
