@@ -32,6 +32,7 @@ def test_what_is_held_stays(name):
     state = p.state.at_rest()
     for push in (0.0, 5.0):
         tau = hf.holding_torques(p.chain, state, internal_force=push)
+        tau += 0.0  # a user may change it
         found = hf.forward_dynamics(p.chain, state, tau)
         assert np.abs(found.qdd).max() < 1e-9
         assert np.abs(found.object_acceleration).max(initial=0.0) < 1e-9

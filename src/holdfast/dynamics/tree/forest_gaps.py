@@ -75,5 +75,5 @@ def require_closed(motion: ForestMotion, q: Array, qd: Array) -> None:
     if gaps:
         raise StateError(
             f"the state does not satisfy the forest: {'; '.join(gaps)}. Expected <= {POSITION_TOLERANCE:g} and <="
-            f" {limit:.3g}; try forest_close, or check=False to leave this out"
+            f" {limit:.3g}; try the state that close returns, or forest_close for a forest"
         )

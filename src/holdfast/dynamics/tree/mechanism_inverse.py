@@ -134,4 +134,5 @@ def mechanism_holding(
     if check:
         require_closed(given.motion({}), given.q, given.qd)
         require_possible(forest, at.terms, wanted)
-    return driving_torques(forest, at.terms, at.loads(wanted), asked).tau[joint_rows(chain)]
+    found = driving_torques(forest, at.terms, at.loads(wanted), asked)
+    return found.tau[joint_rows(chain)].copy()  # which a user may change
