@@ -74,7 +74,7 @@ def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], 
 
 def named(cls: Class) -> Class:
     """Return a class after making the error for an attribute that it does not have suggest the nearest one."""
-    if "__getattr__" not in vars(cls):
+    if not any("__getattr__" in vars(base) for base in cls.__mro__):
         cls.__getattr__ = _unknown_attribute  # type: ignore[attr-defined]
     return cls
 

@@ -17,7 +17,7 @@ from tests.capabilities.chains import CHAINS, FORESTS, chain_with
 from tests.capabilities.questions import TABLES, Answer, answer
 
 REFUSED = (
-    *("expected serial arms", "expected one object", "for a chain that is answered as a forest"),
+    *("expected serial arms", "expected one object", "a chain that is answered as a forest"),
     *("no wrench can carry", "one that the chain can have"),  # an object that nothing holds
 )
 HEAD = """# Coverage

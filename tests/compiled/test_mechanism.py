@@ -70,6 +70,10 @@ def test_inputs():
         hf.compile(p.chain, generic_rank=3)
     with pytest.raises(StateError, match="out: expected a result"):
         code.forward_dynamics(p.state.q, p.state.qd, p.tau, out=code)
+    with pytest.raises(MethodNotApplicable, match="'mass_matrix': expected forward_dynamics of a forest"):
+        _ = code.mass_matrix
+    with pytest.raises(AttributeError, match=r"no attribute 'forward'\. Did you mean 'forward_dynamics'"):
+        _ = code.forward
     bound = code.bind(q=np.array(p.state.q), qd=np.array(p.state.qd), tau=p.tau + 1.0)
     assert bound() is hf.dynamics.Status.INVALID  # a torque of a passive joint
 

@@ -12,7 +12,7 @@ from holdfast.compiled.answers import Answers
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.forest import CompiledForest, CompiledMechanism
-from holdfast.compiled.function import Function
+from holdfast.compiled.function import Function, NotCompiledError
 from holdfast.compiled.structure import OPTIONAL, Options, optional_parameters, require_iterations, require_rank
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.consistency import CLOSURE
@@ -254,10 +254,6 @@ REASONS = {
     "holding_torques": "it is a control law, made by `control.compile_law(control.holding_law(chain), chain)`",
 }
 _PATHS = {path.rpartition(".")[2]: path for path in REASONS}
-
-
-class NotCompiledError(MethodNotApplicable, AttributeError):
-    """A compiled chain has no such method; the message says why and what to use instead."""
 
 
 def missing(name: str, of: object) -> AttributeError:

@@ -20,6 +20,7 @@ from holdfast.compiled.forest_terms import (
     chain_terms,
     forest_terms,
 )
+from holdfast.compiled.function import NotCompiledError
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.result import INDETERMINATE, OK, SINGULAR
 from holdfast.compiled.traced_chain import (
@@ -42,8 +43,9 @@ from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.forest import Forest, ForestBody
-from holdfast.names import called
+from holdfast.names import called, unknown_attribute
 from holdfast.progress import busy
+from holdfast.questions.question import QUESTIONS
 from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array, array, concatenate, maximum, where
 
@@ -51,6 +53,7 @@ if TYPE_CHECKING:
     from holdfast.compiled.function import Function
 
 _OF_STATUS = ("rank", "status", "condition")
+DERIVATIVES = tuple(f"forward_dynamics_{kind}" for kind in ("vjp", "jvp", "jacobian"))
 
 
 class ForestFunction:
@@ -175,6 +178,15 @@ class _Compiled:
             StateError: a name or shape is wrong.
         """
         return BoundFunction(cast("Function", self.function), inputs)
+
+    def __getattr__(self, name: str) -> Any:
+        """Raise an error that says that a question has no machine code here."""
+        if name in (*QUESTIONS, *DERIVATIVES, "export"):
+            raise NotCompiledError(
+                f"compile: '{name}': expected forward_dynamics of a forest, or of a chain that is answered as a forest,"
+                " which have no other machine code; try the function of the chain that runs as reference"
+            )
+        raise unknown_attribute(self, name)
 
     @property
     def operation_count(self) -> int:

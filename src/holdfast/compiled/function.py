@@ -26,7 +26,7 @@ from holdfast.compiled.parameters import parameters_of, parse_parameters, requir
 from holdfast.compiled.result import CompiledResult, Results
 from holdfast.compiled.structure import Options
 from holdfast.compiler.targets import Builtin
-from holdfast.errors import StateError
+from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.names import called, wrong_call
 from holdfast.questions.arrays import MOVING, POSES
@@ -318,6 +318,10 @@ class Function(Differentiated):
     def when_moving(self) -> Function:
         """The function for moving bases; it is made when the motion of a base is first given."""
         return Function(self.compiled, self.question, self.request, replace(self._options, base_motion=True))
+
+
+class NotCompiledError(MethodNotApplicable, AttributeError):
+    """A compiled chain has no such method; the message says why and what to use instead."""
 
 
 def _origins(parameters: Mapping[str, Any]) -> dict[str, Array]:
