@@ -4,7 +4,8 @@ from typing import Any
 
 from holdfast.compiled.function import Function
 from holdfast.compiled.result import CompiledResult
-from holdfast.dynamics.consistency import GraspResidualfrom holdfast.dynamics.kinematics import Frames
+from holdfast.dynamics.consistency import GraspResidual
+from holdfast.dynamics.kinematics import Frames
 from holdfast.forces.elastic_distribution import ElasticDistribution
 from holdfast.forces.margins import JointMargins
 from holdfast.spatial.scalar import Array
