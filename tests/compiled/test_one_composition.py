@@ -124,7 +124,7 @@ def test_gaps_and_projection(stepping):
         "compiled project": lambda: computation_of(QUESTIONS["project"], None, chain, Options()).schedule(),
         "compiled closure": lambda: computation_of(QUESTIONS["closure"], None, chain, Options()).schedule(),
     }
-    rooms = ("dynamics/projection.py", "dynamics/consistency.py", "model/grasp_kinds")
+    rooms = ("dynamics/projection.py", "dynamics/consistency.py", "dynamics/grasp_gap.py", "model/grasp_kinds")
     run = {name: functions_run(call, rooms, ()) for name, call in calls.items()} | {"compiled step": stepping.traced}
 
     def of(name, wanted):
