@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, reduce
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from holdfast.compiled.forest_terms import (
     chain_terms,
     forest_terms,
 )
-from holdfast.compiled.function import NotCompiledError
+from holdfast.compiled.function import Function, NotCompiledError
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.result import INDETERMINATE, OK, SINGULAR
 from holdfast.compiled.traced_chain import (
@@ -41,16 +40,13 @@ from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.tree.varied_forest import damping_torques, spring_torques
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.model.fingerprint import code_key
 from holdfast.model.forest import Forest, ForestBody
 from holdfast.names import called, unknown_attribute
 from holdfast.progress import busy
 from holdfast.questions.question import QUESTIONS
 from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array, array, concatenate, maximum, where
-
-if TYPE_CHECKING:
-    from holdfast.compiled.function import Function
 
 _OF_STATUS = ("rank", "status", "condition")
 DERIVATIVES = tuple(f"forward_dynamics_{kind}" for kind in ("vjp", "jvp", "jacobian"))
@@ -164,7 +160,7 @@ class _Compiled:
         progress: bool | None,
     ) -> None:
         self.parameters, self.progress, self._subject = tuple(parameters), progress, subject
-        key = f"{exact_fingerprint(subject) or secrets.token_hex()}/{type(self).__name__}/{self.parameters}"
+        key = f"{code_key(subject)}/{type(self).__name__}/{self.parameters}"
         self.function = ForestFunction(terms(subject, self.parameters), key, progress)
 
     def bind(self, **inputs: Array) -> BoundFunction:
@@ -177,7 +173,7 @@ class _Compiled:
         Raises:
             StateError: a name or shape is wrong.
         """
-        return BoundFunction(cast("Function", self.function), inputs)
+        return BoundFunction(cast(Function, self.function), inputs)
 
     def __getattr__(self, name: str) -> Any:
         """Raise an error that says that a question has no machine code here."""

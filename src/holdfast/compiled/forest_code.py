@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -11,7 +10,7 @@ from holdfast.compiled.kernels import kernel
 from holdfast.compiled.traced_chain import Given, externals, traced
 from holdfast.compiler.kernel import Bound
 from holdfast.compiler.schedule import Schedule
-from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.model.fingerprint import code_key
 from holdfast.model.forest import Forest
 from holdfast.questions.arrays import Shape
 from holdfast.spatial.scalar import Array
@@ -55,7 +54,7 @@ class ForestCode:
         def schedule() -> Schedule:
             return traced(found, function, status, guarded)
 
-        structure: Any = _Structure(forest, f"{exact_fingerprint(forest) or secrets.token_hex()}/{name}")
+        structure: Any = _Structure(forest, f"{code_key(forest)}/{name}")
         self._bound: Bound = kernel(Computation("forest", structure, found, schedule, tuple(inputs))).bind()
 
     def __call__(self, **given: Array) -> Mapping[str, Array]:

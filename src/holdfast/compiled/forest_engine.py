@@ -11,13 +11,11 @@ from holdfast.compiled.forest import forward_outputs, with_constant_arms, with_c
 from holdfast.compiled.forest_code import ForestCode
 from holdfast.compiled.result import INDETERMINATE, OK
 from holdfast.compiled.traced_chain import Given
-from holdfast.dynamics.tree.forest_balance import kinetic_energy, potential_energy, power_into
-from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
+from holdfast.dynamics.tree.forest_balance import power_into
 from holdfast.dynamics.tree.forest_inverse import InverseAt, InverseTerms, inverse_terms, loads_for
-from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_projection import ClosingRound, closing_round
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
-from holdfast.dynamics.tree.forest_simulate import ForestAccount, ForestInstant, ForestReference
+from holdfast.dynamics.tree.forest_simulate import ForestAccount, ForestInstant, ForestReference, gaps_and_energies
 from holdfast.dynamics.tree.varied_forest import ForestArguments, position_rates
 from holdfast.model.forest import Forest
 from holdfast.questions.arrays import Shape
@@ -89,7 +87,7 @@ class CompiledForestEngine:
 
     def _arguments(self, given: Given) -> ForestArguments:
         """Return traced arguments; those that are not given are zero."""
-        forest, none = with_constants(self.forest), 0.0 * given["qd"]
+        forest, none = with_constants(self.forest), np.zeros(self.forest.velocity_count)
         wrenches = given.get("link_wrench", np.zeros((len(forest.bodies), 6)))
         return ForestArguments(forest, given["q"], given["qd"], given.get("tau", none), wrenches)
 
@@ -121,7 +119,7 @@ class CompiledForestEngine:
     @cached_property
     def _account(self) -> ForestCode:
         def function(given: Given) -> dict[str, Any]:
-            return _account_of(self._arguments(given).motion({}), given)
+            return dict(zip(_ACCOUNT, gaps_and_energies(self._arguments(given)), strict=True))
 
         return ForestCode(self.forest, "account", ("q", "qd"), dict.fromkeys(_ACCOUNT, ()), function)
 
@@ -130,11 +128,12 @@ class CompiledForestEngine:
         forest, rank = self.forest, self.rank or 0
 
         def function(given: Given) -> dict[str, Any]:
-            motion = self._arguments(given).motion({})
+            at = self._arguments(given)
+            motion = at.motion({})
             wrenches, forces = [*given["closure_wrench"]], [*given["coupling_force"]]
             found = least_forces(motion, forest_rows(motion), wrenches, forces, rank)
             least = {f"least_{name}": array(x) for name, x in zip(_FORCES, found, strict=True)}
-            return least | _account_of(motion, given)
+            return least | dict(zip(_ACCOUNT, gaps_and_energies(at), strict=True))
 
         outputs: dict[str, Shape] = {"least_closure_wrench": (len(forest.closures), 6), **dict.fromkeys(_ACCOUNT, ())}
         outputs |= {"least_coupling_force": (len(forest.couplings),)}
@@ -161,10 +160,3 @@ class CompiledForestEngine:
 
         inputs, outputs = ("q", "qd", "qdd", "link_wrench"), {"loads": (self.forest.velocity_count,)}
         return ForestCode(self.forest, "loads", inputs, outputs, function)
-
-
-def _account_of(motion: ForestMotion, given: Given) -> dict[str, Any]:
-    """Return gaps and energies."""
-    gaps = position_gaps(motion, given["q"]).largest, velocity_gaps(motion, given["qd"]).largest
-    energies = kinetic_energy(motion, given["qd"]), potential_energy(motion, given["q"])
-    return dict(zip(_ACCOUNT, (*gaps, *energies), strict=True))

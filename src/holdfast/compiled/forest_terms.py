@@ -11,12 +11,18 @@ from holdfast.compiled.result import SolvedResults
 from holdfast.compiled.traced_chain import Given
 from holdfast.dynamics.tree.forest_dynamics import ForestResult, forest_dynamics
 from holdfast.dynamics.tree.mechanism import MechanismResult, mechanism_dynamics
-from holdfast.dynamics.tree.mechanism_terms import chain_arguments, chain_results, driven_joints, require_passive
+from holdfast.dynamics.tree.mechanism_terms import (
+    chain_arguments,
+    chain_results,
+    driven_joints,
+    flat_rates,
+    require_passive,
+)
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import Forest
 from holdfast.questions.arrays import FLOATING, FLOATING_RESULT, Shape, state_fields
 from holdfast.spatial.frozen import frozen_property
-from holdfast.spatial.scalar import Array, array, concatenate, where
+from holdfast.spatial.scalar import Array, array, where
 from holdfast.state import Inputs, State
 
 
@@ -129,31 +135,26 @@ def chain_terms(chain: ClosedChain, parameters: Sequence[str]) -> ForestTerms:
     names = ["object_wrench", *(("link_wrench", "trunk_link_wrench") if "link_wrench" in parameters else ())]
     further = {name: places[name].shape for name in names if name in places}
 
-    def flat(given: Given, floating: str, of_joints: str, of_objects: str) -> Array:
-        parts = [given[floating]] if chain.floats else []
-        return concatenate([*parts, given[of_joints], given[of_objects].ravel()])
-
     def arguments(given: Given) -> dict[str, Array]:
         tau = array(
             [x if has else where(abs(x) <= 0.0, 0.0, np.nan) for x, has in zip(given["tau"], driven, strict=True)]
         )
-        found = {
-            "q": flat(given, FLOATING[0], "q", "object_pose"),
-            "qd": flat(given, FLOATING[1], "qd", "object_twist"),
-        }
-        found["tau"] = concatenate([np.zeros(6 * chain.floats), tau.reshape(n), np.zeros(6 * count)])
-        found["link_wrench"] = np.zeros((len(forest.bodies), 6), dtype=object)
+        wrenches = np.zeros((len(forest.bodies), 6), dtype=object)
         for name in further:
-            place = places[name]
-            found["link_wrench"][place.rows] = given[name].reshape(-1, 6)
-        return found
+            wrenches[places[name].rows] = given[name].reshape(-1, 6)
+        return {
+            "q": flat_rates(given["q"], given["object_pose"], given.get(FLOATING[0])),
+            "qd": flat_rates(given["qd"], given["object_twist"], given.get(FLOATING[1])),
+            "tau": flat_rates(tau.reshape(n), np.zeros((count, 6)), np.zeros(6) if chain.floats else None),
+            "link_wrench": wrenches,
+        }
 
     def from_forest(found: Mapping[str, Array]) -> dict[str, Array]:
-        free = found["qdd"][len(found["qdd"]) - 6 * count :].reshape(-1, 6)
-        base = np.zeros((len(forest.bodies), 6), dtype=object)
-        base[len(base) - count :] = free
-        base[:1] = found["qdd"][:6] if chain.floats else base[:1]
-        return {name: place.of({**found, "acceleration": base}) for name, place in results.items()}
+        acceleration = np.zeros((len(forest.bodies), 6), dtype=object)  # of free bodies, which are asked for
+        for k, (body, at) in enumerate(zip(forest.bodies, forest.velocities, strict=True)):
+            if body.joint.of_kind.floats:
+                acceleration[k] = found["qdd"][at]
+        return {name: place.of({**found, "acceleration": acceleration}) for name, place in results.items()}
 
     def refuse(found: Mapping[str, Array]) -> None:
         state = State(**{field: found[name] for name, field in state_fields(chain).items()})

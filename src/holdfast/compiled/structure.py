@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import secrets
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +16,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.fingerprint import digest_of, exact_fingerprint, fingerprint
+from holdfast.model.fingerprint import code_key, digest_of, fingerprint
 from holdfast.model.grasp import WrenchLimits
 from holdfast.model.grasp_kinds import GraspKind
 
@@ -167,7 +166,7 @@ class Structure:
 @functools.cache
 def _key_of(kind: GraspKind) -> str:
     """Return a key of a grasp kind; a kind with user-defined functions gets a random key, so it is never cached."""
-    return exact_fingerprint(kind) or secrets.token_hex()
+    return code_key(kind)
 
 
 def _folded(arm: Arm, without_links: bool) -> Iterator[bytes]:

@@ -16,7 +16,7 @@ from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_inverse import driven
 from holdfast.dynamics.tree.forest_kkt import mass_and_load
 from holdfast.dynamics.tree.forest_motion import ForestMotion
-from holdfast.dynamics.tree.forest_rows import ForestRows, forest_rows, reach, turning, weighed_rows
+from holdfast.dynamics.tree.forest_rows import ForestRows, forest_rows, lever_lengths, weighed_rows
 from holdfast.dynamics.tree.mechanism_terms import mechanism_arguments
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -88,8 +88,7 @@ class ForestEquations(NamedTuple):
     def unfelt_rows(self) -> Array:
         """Return rows that make the forces without effect zero, (k, rows), in the metric of `forest_dynamics`."""
         weighed = weighed_rows(self.motion, self.rows)
-        unit = np.where(np.array(turning(self.motion)), float(reach(self.motion)), 1.0)
-        U, s, _ = np.linalg.svd(weighed.E / unit)
+        U, s, _ = np.linalg.svd(weighed.E / lever_lengths(self.motion))
         none = U[:, int((s > NULL_SINGULAR_VALUE * s.max(initial=0.0)).sum()) :]
         ends = np.cumsum([0, *(len(factor) for factor in weighed.factors)]).tolist()
         parts = zip(weighed.factors, ends, strict=False)

@@ -161,7 +161,7 @@ class ForceCost(Frozen):
             StateError: a shape is wrong, or a weight is negative.
         """
         if self.effort is None:
-            limits = np.array([joint.effort_limit for joint in chain.all_joints for _ in range(joint.type.freedoms)])
+            limits = np.array([joint.effort_limit for joint in chain.freedoms])
             return np.where(np.isfinite(limits), limits, 1.0) ** -2.0
         weights = checks.numbers(self.effort, (chain.joint_count,), "cost: effort", StateError)
         if not (weights >= 0.0).all():

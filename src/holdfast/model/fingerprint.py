@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import secrets
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from types import FunctionType, MethodType
@@ -38,6 +39,11 @@ def exact_fingerprint(value: Any) -> str | None:
         return digest_of(_parts(value, exact=True))
     except TypeError:
         return None
+
+
+def code_key(value: Any) -> str:
+    """Return a key of code made of `value`; a random one, never found again, if its fingerprint is not known."""
+    return exact_fingerprint(value) or secrets.token_hex()
 
 
 def digest_of(parts: Iterable[bytes]) -> str:

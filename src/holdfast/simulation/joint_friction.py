@@ -14,7 +14,7 @@ SMOOTHING_RATE = 0.05  # rad/s or m/s
 
 def joint_friction(chain: ClosedChain) -> Array:
     """Return the joints' Coulomb friction F_c, (n,) [N m or N]; a spherical joint has none."""
-    return np.array([joint.friction for joint in chain.all_joints for _ in range(joint.type.freedoms)])
+    return np.array([joint.friction for joint in chain.freedoms])
 
 
 def friction_torque(size: Array, qd: Array) -> Array:

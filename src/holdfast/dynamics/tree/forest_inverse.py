@@ -24,7 +24,7 @@ from holdfast.dynamics.grasp_gap import VELOCITY_TOLERANCE
 from holdfast.dynamics.tree.forest_dynamics import forest_arguments
 from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_motion import ForestMotion
-from holdfast.dynamics.tree.forest_rows import forest_rows, reach, turning, weighed_rows
+from holdfast.dynamics.tree.forest_rows import forest_rows, lever_lengths, weighed_rows
 from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.dynamics.tree.virtual_power import ForestUnknowns, residual
 from holdfast.errors import StateError
@@ -32,7 +32,7 @@ from holdfast.model import checks
 from holdfast.model.forest import Closure, Forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.scalar import Array, array, concatenate
+from holdfast.spatial.scalar import Array, concatenate
 
 TRANSMITTED = 1e-9  # largest part of a wanted wrench, relative to it, that its closure does not transmit
 MISSING = 1e-8  # a passive load that is left over, relative to all passive loads, cannot be carried
@@ -105,8 +105,7 @@ def torques_for(given: ForestArguments, qdd: ArrayLike, near: Array, check: bool
     wanted = checks.numbers(qdd, (forest.velocity_count,), "qdd", StateError)
     at = inverse_at(given)
     if check:
-        require_closed(given.motion({}), given.q, given.qd)
-        require_possible(forest, at.terms, wanted)
+        at.require(given, wanted)
     return driving_torques(forest, at.terms, at.loads(wanted), wanted_forces(forest, at.terms, near))
 
 
@@ -120,7 +119,7 @@ class InverseTerms(NamedTuple):
         r: (rows,) right-hand sides, on_qd qdd = r.
         E: (rows, n_v) C^-1 G.
         C: (rows, rows) factor C C^T of the metric of forces.
-        unit: (n_v,) lengths of joint rates, the forest's reach for those that turn.
+        unit: (n_v,) `lever_lengths`.
         normals: (closures, 3) normals of the contacts, world axes.
     """
 
@@ -140,10 +139,21 @@ class InverseAt(NamedTuple):
     Attributes:
         terms: what does not depend on accelerations.
         loads: returns M qdd + h, (n_v,), of accelerations qdd.
+        motion: the forest's motion without torques; None by machine code.
     """
 
     terms: InverseTerms
     loads: Callable[[Array], Array]
+    motion: ForestMotion | None = None
+
+    def require(self, given: ForestArguments, qdd: Array) -> None:
+        """Refuse a state that is not closed, and accelerations that do not agree with it.
+
+        Raises:
+            StateError: naming closures and couplings.
+        """
+        require_closed(given.motion({}) if self.motion is None else self.motion, given.q, given.qd)
+        _require_possible(given.forest, self.terms, qdd)
 
 
 InverseCode = Callable[[ForestArguments], InverseAt | None]  # None of a forest of which it has no machine code
@@ -156,7 +166,7 @@ def inverse_at(given: ForestArguments) -> InverseAt:
     if (found := find and find(given)) is not None:
         return found
     motion = given._replace(tau=0.0 * given.tau).motion({})
-    return InverseAt(inverse_terms(motion), lambda qdd: loads_for(motion, qdd))
+    return InverseAt(inverse_terms(motion), lambda qdd: loads_for(motion, qdd), motion)
 
 
 def inverse_terms(motion: ForestMotion) -> InverseTerms:
@@ -164,11 +174,12 @@ def inverse_terms(motion: ForestMotion) -> InverseTerms:
     rows = forest_rows(motion)
     weighed, n = weighed_rows(motion, rows), motion.forest.velocity_count
     at_rest = concatenate([*_at_points(motion, np.zeros(n)), np.zeros(0)])
-    unit = array([reach(motion) if turns else 1.0 for turns in turning(motion)])
     K = concatenate([c.K.ravel() for c in motion.closures] + [np.zeros(0)]).reshape(-1, 6)
     C = block_diagonal(weighed.factors)
     normals = concatenate([c.contact.R[:, 2] for c in motion.closures] + [np.zeros(0)]).reshape(-1, 3)
-    return InverseTerms(K, rows.G, rows.on_qd(motion), rows.r - rows.G @ at_rest, weighed.E, C, unit, normals)
+    return InverseTerms(
+        K, rows.G, rows.on_qd(motion), rows.r - rows.G @ at_rest, weighed.E, C, lever_lengths(motion), normals
+    )
 
 
 def loads_for(motion: ForestMotion, qdd: Array) -> Array:
@@ -276,7 +287,7 @@ def _least(columns: Array, needed: Array, unit: Array) -> Array:
     return found + inverse @ (needed - columns @ found)
 
 
-def require_possible(forest: Forest, terms: InverseTerms, qdd: Array) -> None:
+def _require_possible(forest: Forest, terms: InverseTerms, qdd: Array) -> None:
     """Refuse accelerations that violate closures or couplings."""
     limit = VELOCITY_TOLERANCE * max(1.0, float(np.abs(qdd).max(initial=0.0)))
     gaps = np.abs(terms.on_qd @ qdd - terms.r)

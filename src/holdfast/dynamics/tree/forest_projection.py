@@ -8,11 +8,12 @@ further round removes what the curvature of the closures has left.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.tree.forest_closing import FOREST_CLOSED
 from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
 from holdfast.dynamics.tree.forest_motion import ClosureMotion, forest_motion
 from holdfast.dynamics.tree.limbs import LimbArm, changes_with_limbs, limbed_motion
@@ -20,6 +21,8 @@ from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.tree.varied_forest import displaced
 from holdfast.model.forest import Forest
 from holdfast.spatial.scalar import Array, Scalar, array
+
+MOST_CLOSING_ROUNDS = 8
 
 
 class ClosingRound(NamedTuple):
@@ -62,6 +65,24 @@ def closing_round(forest: Forest, q: Array, qd: Array, arms: Sequence[LimbArm] =
     ]
     rank, (step, change) = changes_with_limbs(limbed, plan_of(forest.topology), sides)
     return ClosingRound(displaced(forest, q, step), qd + change, apart.largest, speeds.largest, rank)
+
+
+def closing_rounds(closing: Callable[[Array, Array], ClosingRound], q: Array, qd: Array) -> Iterator[ClosingRound]:
+    """Yield rounds, the last of which begins with closed positions, so that it closes the rates there.
+
+    If the last one does not, positions cannot be closed from there.
+
+    Args:
+        closing: takes a round, `closing_round` or its machine code.
+        q: (n_q,) positions with unit quaternions.
+        qd: (n_v,) rates.
+    """
+    for _ in range(MOST_CLOSING_ROUNDS):
+        now = closing(q, qd)
+        yield now
+        if now.position_gap <= FOREST_CLOSED:
+            return
+        q, qd = now.q, now.qd
 
 
 def _on_all_rows(c: ClosureMotion, gap: Array) -> Array:

@@ -83,6 +83,12 @@ def reach(motion: ForestMotion) -> Scalar:
     return where(longest > 0.0, longest, 1.0)
 
 
+def lever_lengths(motion: ForestMotion) -> Array:
+    """Return by which lengths the loads of joints are divided to be forces, (n_v,): `reach` for torques, else 1."""
+    length = reach(motion)
+    return array([length if turns else 1.0 for turns in turning(motion)])
+
+
 class ForceMetric(NamedTuple):
     """The metric in which forces that are not unique are smallest.
 

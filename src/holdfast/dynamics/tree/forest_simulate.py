@@ -11,21 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.result import Status
-from holdfast.dynamics.tree.forest_balance import balance_of, power_into
+from holdfast.dynamics.tree.forest_balance import kinetic_energy, potential_energy, power_into
 from holdfast.dynamics.tree.forest_closing import FOREST_CLOSED, forest_close
 from holdfast.dynamics.tree.forest_dynamics import forest_arguments, solved_forest
 from holdfast.dynamics.tree.forest_gaps import position_gaps, require_closed, velocity_gaps
-from holdfast.dynamics.tree.forest_projection import ClosingRound, closing_round
+from holdfast.dynamics.tree.forest_projection import ClosingRound, closing_round, closing_rounds
 from holdfast.dynamics.tree.varied_forest import ForestArguments, position_rates, unit_quaternions
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.forest import Forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar
 
 MOST_FOREST_STEPS = 100_000
-MOST_CLOSING_ROUNDS = 6
 ForestLaw = Callable[[float, Array, Array], ArrayLike]
 
 
@@ -119,10 +118,15 @@ class ForestReference(NamedTuple):
 
     def account(self, given: ForestArguments, now: ForestInstant) -> ForestAccount:
         """See `ForestEngine`."""
-        motion, energies = given.motion({}), balance_of(given, None)
-        gaps = float(position_gaps(motion, given.q).largest), float(velocity_gaps(motion, given.qd).largest)
-        forces = now.closure_wrench, now.coupling_force
-        return ForestAccount(*forces, *gaps, energies.kinetic_energy, energies.potential_energy)
+        numbers = checks.finite(np.array(gaps_and_energies(given)), "the balance of the forest")
+        return ForestAccount(now.closure_wrench, now.coupling_force, *numbers.tolist())
+
+
+def gaps_and_energies(given: ForestArguments) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    """Return the largest gaps in position and velocity, and the kinetic and the potential energy. O(bodies)."""
+    motion = given.motion({})
+    gaps = position_gaps(motion, given.q).largest, velocity_gaps(motion, given.qd).largest
+    return *gaps, kinetic_energy(motion, given.qd), potential_energy(motion, given.q)
 
 
 class ForestSample(NamedTuple):
@@ -223,14 +227,10 @@ def closed_near(engine: ForestEngine, forest: Forest, q: Array, qd: Array) -> tu
     Raises:
         ClosureError: they cannot be closed from there.
     """
-    now = first = engine.closing(q, qd)
-    gaps = float(first.position_gap), float(first.velocity_gap)
-    for _ in range(MOST_CLOSING_ROUNDS):
-        now = engine.closing(now.q, now.qd)
-        if now.position_gap <= FOREST_CLOSED:  # and the round has closed the rates there
-            return now.q, now.qd, gaps
-    far = forest_close(forest, q, qd)
-    return far.q, far.qd, gaps
+    rounds = [*closing_rounds(engine.closing, q, qd)]
+    first, last = rounds[0], rounds[-1]
+    closed = last if last.position_gap <= FOREST_CLOSED else forest_close(forest, q, qd)
+    return closed.q, closed.qd, (float(first.position_gap), float(first.velocity_gap))
 
 
 @np.errstate(all="ignore")  # what overflows is refused

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_inverse import (
     driving_torques,
     inverse_at,
     pushes,
-    require_possible,
     smallest_accelerations,
     torques_for,
     wanted_forces,
@@ -132,7 +130,6 @@ def mechanism_holding(
     wanted = flat_rates(np.zeros(n) if wished is None else wished, alpha, of_base)
     wanted = smallest_accelerations(at.terms, wanted, moves)
     if check:
-        require_closed(given.motion({}), given.q, given.qd)
-        require_possible(forest, at.terms, wanted)
+        at.require(given, wanted)
     found = driving_torques(forest, at.terms, at.loads(wanted), asked)
     return found.tau[joint_rows(chain)].copy()  # which a user may change

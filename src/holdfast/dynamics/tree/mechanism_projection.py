@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
-
-import numpy as np
 
 from holdfast.dynamics.tree.forest_closing import FOREST_CLOSED
 from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
 from holdfast.dynamics.tree.forest_motion import ForestMotion
-from holdfast.dynamics.tree.forest_projection import closing_round
+from holdfast.dynamics.tree.forest_projection import closing_round, closing_rounds
 from holdfast.dynamics.tree.mechanism_terms import chain_state, mechanism_arguments
 from holdfast.errors import ClosureError, MethodNotApplicable
 from holdfast.model.closed_chain import ClosedChain
@@ -17,7 +16,6 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 WIDEST_MECHANISM_GAP = 0.1  # m and rad: wider ones are no rounding of a step
-MOST_PROJECTION_ROUNDS = 8
 
 
 def mechanism_residuals(chain: ClosedChain, state: State, inputs: Inputs | None) -> dict[Any, tuple[Array, Array]]:
@@ -38,20 +36,17 @@ def mechanism_project(chain: ClosedChain, state: State, inputs: Inputs | None) -
     given = mechanism_arguments(chain, state, inputs=inputs)
     if given.under or given.behind:
         raise MethodNotApplicable("project: expected bases that stand still, for a chain that is answered as a forest")
-    q, qd, gap = given.q, given.qd, np.inf
-    for k in range(MOST_PROJECTION_ROUNDS):
-        now = closing_round(given.forest, q, qd)
-        gap = float(now.position_gap)
-        if k == 0 and not gap <= WIDEST_MECHANISM_GAP:
-            raise ClosureError(
-                f"grasps, loops and couplings are open by {gap:.3g} (m or rad), expected a step's rounding; try"
-                " holdfast.close, or a smaller time step"
-            )
-        q, qd = now.q, now.qd
-        if gap <= FOREST_CLOSED:  # and this round has closed the rates there
-            break
-    else:
+    rounds = closing_rounds(partial(closing_round, given.forest), given.q, given.qd)
+    now = next(rounds)
+    if not now.position_gap <= WIDEST_MECHANISM_GAP:
         raise ClosureError(
-            f"grasps, loops and couplings stay open by {gap:.3g} (m or rad): try holdfast.close, or a smaller time step"
+            f"grasps, loops and couplings are open by {now.position_gap:.3g} (m or rad), expected a step's rounding;"
+            " try holdfast.close, or a smaller time step"
         )
-    return chain_state(chain, q, qd), given._replace(q=q, qd=qd).motion({})
+    now = [now, *rounds][-1]
+    if not now.position_gap <= FOREST_CLOSED:
+        raise ClosureError(
+            f"grasps, loops and couplings stay open by {now.position_gap:.3g} (m or rad): try holdfast.close, or a"
+            " smaller time step"
+        )
+    return chain_state(chain, now.q, now.qd), given._replace(q=now.q, qd=now.qd).motion({})

@@ -74,7 +74,7 @@ def joint_rows(chain: ClosedChain) -> slice:
 
 def driven_joints(chain: ClosedChain) -> Array:
     """Return for every component of the joints' qd whether it has a drive, (n,)."""
-    return np.array([joint.actuated for joint in chain.all_joints for _ in range(joint.type.freedoms)], dtype=bool)
+    return np.array([joint.actuated for joint in chain.freedoms], dtype=bool)
 
 
 def chain_arguments(chain: ClosedChain) -> dict[str, ForestPlace]:
@@ -153,6 +153,8 @@ def require_passive(chain: ClosedChain, tau: Array) -> None:
     Raises:
         StateError: naming one.
     """
+    if not tau[~driven_joints(chain)].any():
+        return
     at = 0
     for name, joint in zip(chain.joint_names(), chain.all_joints, strict=True):
         own = tau[at : at + joint.type.freedoms]
