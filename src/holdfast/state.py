@@ -99,6 +99,11 @@ class State(Frozen):
             )
         return Pose.unchecked_seven(self.object_pose)
 
+    @property
+    def object_frames(self) -> list[Pose]:
+        """The poses of all objects, in order."""
+        return [Pose.unchecked_seven(pose) for pose in np.reshape(self.object_pose, (-1, 7))]
+
     @frozen_property
     def base_frame(self) -> Pose | None:
         """The floating base's pose as rotation and origin; None without one."""

@@ -84,7 +84,7 @@ def test_advice_works():
 def test_likely():
     """Usual things: y up, no gravity, bases on walls and ceilings, contacts inside, edges, a heavy part in space."""
     chain = pandas()
-    assert not plausibility_notes(chain, hf.Pose.from_rpy(0.1, 0.2, 0.3))
+    assert not plausibility_notes(chain, [hf.Pose.from_rpy(0.1, 0.2, 0.3)])
     for gravity in ((0, -9.81, 0), (0, 0, 0), (0, 9.81, 0)):
         assert not plausibility_notes(replace(chain, gravity=gravity))
     assert not plausibility_notes(pandas(hf.HeldObject.box(3000.0, 1.3, 1.2, 1.2), gravity=(0, 0, 0)))
@@ -102,7 +102,7 @@ def test_likely():
     assert not plausibility_notes(hf.ClosedChain({"crank": crank}, BOX, pinned))
     assert plausibility_notes(hf.ClosedChain({"crank": crank}, BOX, {
         "crank": hf.Grasp("ball", pinned["crank"].frame, hf.Friction(0.5))}))  # fmt: skip
-    (note,) = plausibility_notes(chain, frame(0, 0, 0.7, 0, 0, 0, 1))
+    (note,) = plausibility_notes(chain, [frame(0, 0, 0.7, 0, 0, 0, 1)])
     assert "half a turn about z; if none was meant: [1, 0, 0, 0]" in note
 
 
@@ -110,7 +110,7 @@ def test_likely():
 def test_examples_are_likely(scene):
     """The example scenes have no notes of this kind."""
     found = hf.load_scene(scene)
-    assert not plausibility_notes(found.chain, found.state.object_frame)
+    assert not plausibility_notes(found.chain, found.state.object_frames)
 
 
 def test_normals():

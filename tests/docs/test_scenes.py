@@ -67,9 +67,9 @@ ROWS: dict[type[msgspec.Struct], list[list[str]]] = {
 
 
 def own_keys(struct) -> dict[str, msgspec.structs.FieldInfo]:
-    """Return the keys of a structure by name, without those that it has from another one of the page."""
+    """Return the keys of a structure by name, without those of another one to which the page refers."""
     keys = {key.name: key for key in msgspec.structs.fields(struct)}
-    above = STRUCTS & {*struct.__bases__}
+    above = STRUCTS & {*struct.__bases__} | ({scene.HoldTable} if struct is scene.LoopTable else set())
     return {name: key for name, key in keys.items() if not any(hasattr(one, name) for one in above)}
 
 

@@ -256,7 +256,7 @@ def test_robotiq(run):
     assert found["moved"] < 1e-11
     assert found["energy_error"] < 1e-5 < found["kinetic"]
     assert "3 in loop 'ur5e/left', 3 in loop 'ur5e/right'" in printed
-    assert "1 among grasp ('ur5e', 'left_pad') and grasp ('ur5e', 'right_pad')" in printed
+    assert "1 among grasp 'ur5e/left_pad' and grasp 'ur5e/right_pad'" in printed
 
 
 @pytest.mark.slow
@@ -303,4 +303,4 @@ def test_two_hands(run):
         assert one["balance"] < 1e-11
         assert one["moved"] < 1e-9
         assert one["pressing"][3:] == pytest.approx(found["points"]["pressing"][3:], rel=1e-9)
-    assert "here and nearby: among grasp ('left', 'tip1'), grasp ('left', 'tip2'), grasp ('left', 'tip3')" in printed
+    assert "here and nearby: among grasp 'left/tip1', grasp 'left/tip2', grasp 'left/tip3'" in printed

@@ -218,7 +218,7 @@ REFUSED = [
     ('name = "chest"', 'name = "a/b"', "$.trunk.joints[1].link.name: expected 1 to 64 letters"),
     ("mass = 12", "mass = -12", "$.trunk.joints[1].link.mass: expected > 0"),
     ("position_limits = [0, 0.4]", "position_limits = [1, 0.4]", "$.trunk.joints[0].position_limits: expected lower"),
-    ('kind = "prismatic"', 'kind = "planar"', "$.trunk.joints[0].kind: Invalid enum value 'planar'"),
+    ('kind = "prismatic"', 'kind = "floating"', "$.trunk.joints[0].kind: Invalid enum value 'floating'"),
     ("[[trunk.joints]]", "floating = { mass = 1, box = [1, 1, 1] }\nbase_motion = {}\n[[trunk.joints]]",
      "$.trunk.base_motion: expected none, as the trunk's base floats; try twist"),
     ("box = [0.3, 0.5, 0.1],", "box = [0.3, 0.5, 0.1], twist = [9e8, 0, 0, 0, 0, 0, 0],", "$.object.twist: Expected"),

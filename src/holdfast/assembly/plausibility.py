@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from holdfast import outer
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, holding_arm
 from holdfast.model.grasp import Grasp
+from holdfast.model.grasp_rows import row_name
 from holdfast.model.held_object import HeldObject
 from holdfast.model.visuals import Cylinder, Mesh, Sphere
 from holdfast.spatial import rotation
@@ -23,41 +24,45 @@ SAME_DIRECTION = 0.99  # least cosine between directions that are meant to be th
 ON_FACE = 1e-6  # distance from a face, relative to the size, below which a place lies on it
 
 
-def plausibility_notes(chain: ClosedChain, object_pose: Pose | None = None) -> tuple[str, ...]:
-    """Return notes on a chain's gravity, object, grasps and bases, and on the pose of its object. O(arms)."""
+def plausibility_notes(chain: ClosedChain, poses: Sequence[Pose] = ()) -> tuple[str, ...]:
+    """Return notes on a chain's gravity, objects, grasps and bases, and on the poses of its objects. O(arms)."""
     g = chain.gravity
     notes = []
     if g[2] > 0.5 * float(np.linalg.norm(g)):
         notes.append(f"gravity: [{_few(g)}] points upward, along +z; it is the acceleration of a falling body, try -z")
-    notes += _of_object(chain)
-    for name, grasp in chain.grasps.items():
-        presses = grasp.contact is not None or (grasp.of_kind.oriented and len(chain.arms[name].joints) >= HAND_JOINTS)
-        notes += _of_grasp(name, grasp, chain.held_object) if presses else ()
-    poses = {f"arm '{name}': base": arm.base for name, arm in chain.arms.items() if name not in chain.mounts}
-    for what, pose in {**poses, **({} if object_pose is None else {"object: pose": object_pose})}.items():
+    for name, held in chain.free_objects.items():
+        notes += _of_object(name, held, chain)
+    for key, grasp in chain.grasps.items():
+        jointed = len(chain.arms[holding_arm(key)].joints) >= HAND_JOINTS
+        presses = grasp.contact is not None or (grasp.of_kind.oriented and jointed)
+        notes += _of_grasp(row_name(key), grasp, chain.free_objects[chain.held_by(grasp, key)]) if presses else ()
+    places = {f"arm '{name}': base": arm.base for name, arm in chain.arms.items() if name not in chain.mounts}
+    for what, pose in places.items():
         notes += _of_order(what, pose)
-    if object_pose is not None and np.allclose(object_pose.R, np.diag([-1.0, -1.0, 1.0]), rtol=0, atol=1e-9):
-        notes.append(
-            "object: pose: the quaternion [0, 0, 0, 1] is half a turn about z; if none was meant: [1, 0, 0, 0]"
-        )
+    for name, pose in zip(chain.free_objects, poses, strict=False):
+        notes += _of_order(f"{name}: pose", pose)
+        if np.allclose(pose.R, np.diag([-1.0, -1.0, 1.0]), rtol=0, atol=1e-9):
+            notes.append(
+                f"{name}: pose: the quaternion [0, 0, 0, 1] is half a turn about z; if none was meant: [1, 0, 0, 0]"
+            )
     return tuple(notes)
 
 
-def _of_object(chain: ClosedChain) -> Iterator[str]:
-    """Yield notes on the size and mass of the object."""
-    held = chain.held_object
+def _of_object(name: str, held: HeldObject, chain: ClosedChain) -> Iterator[str]:
+    """Yield notes on the size and mass of an object."""
     edges = outer.equivalent_box(held)[0]
-    arms = [chain.arms[name] for name in chain.grasps]
+    holding = [holding_arm(key) for key, grasp in chain.grasps.items() if chain.held_by(grasp, key) == name]
+    arms = [chain.arms[arm] for arm in dict.fromkeys(holding)]
     moved, longest = sum(link.mass for arm in arms for link in arm.links), max((arm.length for arm in arms), default=0)
     box = f"a box of {_few(edges, ' x ')} m with its inertia"
     if isinstance(held.shape, Mesh) and (found := outer.size_notes(held)):
-        yield from (f"object: {note}" for note in found)
+        yield from (f"{name}: {note}" for note in found)
     elif edges.max() > LONGEST_OBJECT * longest > 0.0:
-        yield f"object: {box} is {edges.max() / longest:.0f} times as long as the longest arm: mm instead of m?"
+        yield f"{name}: {box} is {edges.max() / longest:.0f} times as long as the longest arm: mm instead of m?"
     if (density := held.mass / float(edges.prod())) > DENSEST:
-        yield f"object: {held.mass:g} kg in {box} are {density:.2g} kg/m^3, more than any metal: g instead of kg?"
+        yield f"{name}: {held.mass:g} kg in {box} are {density:.2g} kg/m^3, more than any metal: g instead of kg?"
     elif moved and all(arm.joints for arm in arms) and chain.gravity.any() and held.mass > HEAVIEST_LOAD * moved:
-        yield f"object: {held.mass:g} kg are {held.mass / moved:.0f} times the mass of its arms: g instead of kg?"
+        yield f"{name}: {held.mass:g} kg are {held.mass / moved:.0f} times the mass of its arms: g instead of kg?"
 
 
 def _of_grasp(name: str, grasp: Grasp, held: HeldObject) -> Iterator[str]:

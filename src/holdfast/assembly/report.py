@@ -164,7 +164,7 @@ def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
         rank,
         chain.constraint_row_count,
         _trunk_report(chain, state),
-        plausibility_notes(chain, state.object_frame),
+        plausibility_notes(chain, state.object_frames),
     )
 
 

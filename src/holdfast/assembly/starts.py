@@ -54,9 +54,16 @@ def starting_configurations(arm: Arm, preferred: Array, count: int) -> Iterator[
 
 
 def preferred_configuration(arm: Arm) -> Array:
-    """Return the home configuration of a built-in robot, or the middle of the joint limits (0 without limits), (N,)."""
+    """Return the home configuration of a built-in robot, or the middle of the joint limits (0 without limits), (N,).
+
+    A spherical joint is not turned, (1, 0, 0, 0).
+    """
     home = outer.home_of(arm)
-    return np.mean(_range(arm), axis=0) if home is None else home
+    if home is not None:
+        return home
+    middle = np.mean(_range(arm), axis=0)
+    pairs = zip(arm.joints, middle, strict=True)
+    return np.concatenate([[1.0, 0.0, 0.0, 0.0] if joint.type.quaternion else [x] for joint, x in pairs] or [middle])
 
 
 def _range(arm: Arm) -> tuple[Array, Array]:

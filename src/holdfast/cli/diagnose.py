@@ -17,6 +17,7 @@ from holdfast.dynamics import consistency
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.diagnose import Diagnosis
 from holdfast.dynamics.diagnose import diagnose as diagnosis_of
+from holdfast.dynamics.tree.forest_diagnosis import ForestDiagnosis
 from holdfast.errors import SceneError, StateError
 from holdfast.io.case_file import AnyCase
 from holdfast.io.forest_case import ForestCase
@@ -51,7 +52,7 @@ def diagnose(
         SceneError: the file is invalid, or the case is unknown.
         ClosureError: an arm of the scene cannot reach its grasp.
     """
-    found: list[tuple[str, Diagnosis | str]]
+    found: list[tuple[str, Diagnosis | ForestDiagnosis | str]]
     given = read_stdin() if is_standard(file) else None
     if file.suffix.lower() == ".toml" or (given is not None and not BEGINS_JSON.match(given)):
         if case is not None:
@@ -67,9 +68,9 @@ def diagnose(
     else:
         console = stdout()
         for name, outcome in found:
-            text = outcome.report() if isinstance(outcome, Diagnosis) else f"refused: {outcome}"
+            text = f"refused: {outcome}" if isinstance(outcome, str) else outcome.report()
             console.print(f"{name}: {text}", soft_wrap=True)
-    return 0 if any(isinstance(outcome, Diagnosis) for _, outcome in found) else EXIT_REFUSED
+    return EXIT_REFUSED if all(isinstance(outcome, str) for _, outcome in found) else 0
 
 
 def _diagnosis(case: AnyCase) -> Diagnosis | str:
@@ -87,7 +88,7 @@ def _diagnosis(case: AnyCase) -> Diagnosis | str:
         return diagnosis_of(case.chain, case.state)
 
 
-def _as_json(name: str, outcome: Diagnosis | str) -> dict[str, object]:
+def _as_json(name: str, outcome: Diagnosis | ForestDiagnosis | str) -> dict[str, object]:
     if isinstance(outcome, str):
         return {"name": name, "status": "refused", "reason": outcome}
     condition = outcome.condition if math.isfinite(outcome.condition) else None

@@ -15,6 +15,7 @@ from holdfast.codegen.export import export_c as write_code
 from holdfast.codegen.functions import exported_function, exported_law
 from holdfast.compiled.chain import CompiledChain, compile
 from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.model.serial_chain import serial_chain
 from holdfast.scenario.build import Scenario
 
 SCENE_CONTROL = "control"  # the function of the scene's controller
@@ -62,6 +63,7 @@ def export_c(
     refuse_standard(out)
     folder = Path("code") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes, packages)
+    serial_chain(scenario.chain, str(scene))
     compiled = compile(scenario.chain)
     requested = list(function) or _those_there_are(scenario, compiled, scheme)
     laws = {SCENE_CONTROL: scenario.controller} if SCENE_CONTROL in requested else {}

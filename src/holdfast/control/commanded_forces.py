@@ -41,8 +41,9 @@ def within_wrappers(controller: Any) -> Any:
 
 
 def commands_forces(controller: Any) -> bool:
-    """Return whether a controller says which forces it commands."""
-    return isinstance(within_wrappers(controller), CooperativeTorques | GravityCompensation | ObjectTracking)
+    """Return whether a controller says which forces it commands; none says so of a chain with branches."""
+    own = within_wrappers(controller)
+    return isinstance(own, CooperativeTorques | GravityCompensation | ObjectTracking) and not own.chain.beyond_serial
 
 
 def commanded_internal_wrenches(controller: Any, t: float, state: State) -> Array:

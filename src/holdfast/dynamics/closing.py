@@ -65,18 +65,20 @@ def close(
             cost least. None to stay near the guess.
         inputs: base motion, if the bases move.
 
-    A chain with branches, loops, couplings or several objects is closed as its forest, in which everything may move;
-    positions beyond a joint's limits are refused there.
+    A chain with branches, loops, couplings or several objects is closed as its forest, in which everything may move
+    that is not held; positions beyond a joint's limits are refused there.
 
     Raises:
         ClosureError: if some arms cannot reach their grasps; the message names them and their residuals.
     """
     if answered_as_forest(chain):
-        held = {"hold_object": hold_object, "hold_trunk": not hold_trunk, "hold_base": hold_base}
+        for name, flag in (("hold_object", hold_object), ("hold_trunk", hold_trunk), ("hold_base", hold_base)):
+            checks.flag(flag, name, StateError)
         given = shaped_inputs(chain, inputs)
         moves = np.any(given.base_twists) or (given.trunk_base_twist is not None and np.any(given.trunk_base_twist))
-        require_unused(**held, posture=posture is not None, inputs=bool(moves))
-        return mechanism_close(chain, guess, limits=limits)
+        require_unused(posture=posture is not None, inputs=bool(moves))
+        held = {"hold_object": hold_object, "hold_trunk": hold_object and hold_trunk, "hold_base": hold_base}
+        return mechanism_close(chain, guess, **held, limits=limits)
     require_fit(chain, guess)
     checks.instance(posture, (Posture, type(None)), "close: posture")
     low, high = chain.position_limits.T

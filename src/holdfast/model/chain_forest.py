@@ -90,20 +90,21 @@ def chain_forest(chain: ClosedChain) -> ChainForest:
         if grasp.of_kind.bushing is not None and not chain.beyond_serial:
             continue
         name, frame = (key, None) if isinstance(key, str) else key
+        label = f"grasp '{name if frame is None else f'{name}/{frame}'}'"
         arm, own = chain.arms[name], arms[name]
         if frame is not None:
-            link, tip = arm.frame(frame, f"grasp {key}")
+            link, tip = arm.frame(frame, label)
             a: int | None = own[link]
         elif arm.parents:
             frames = [*arm.frames, *filter(None, (link.name for link in arm.links))]
             raise ModelError(
-                f"grasp '{name}': expected a link or frame of an arm with branches, as ('{name}', frame)."
+                f"{label}: expected a link or frame of an arm with branches, as ('{name}', frame)."
                 f"{checks.did_you_mean('', frames)}"
             )
         else:
             a, tip = (own[-1], arm.tip) if own else (stands[name], arm.base @ arm.tip)
         closed[key] = len(closures)
-        closures.append(Closure(a, objects[chain.held_by(grasp, key)], grasp, tip, f"grasp {key!r}"))
+        closures.append(Closure(a, objects[chain.held_by(grasp, key)], grasp, tip, label))
 
     def within(arm: str, given: Any, what: str) -> tuple[int | None, Pose]:
         """Return the body of an end of an arm's own loop, likewise."""

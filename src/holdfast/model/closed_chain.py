@@ -80,14 +80,14 @@ class ClosedChain(Frozen):
         ):
             raise ModelError(f"object: expected a HeldObject, got {type(self.held_object).__name__}")
         for key, grasp in self.grasps.items():
-            name = _arm_of(key)
+            name = holding_arm(key)
             if name not in self.arms:
                 raise ModelError(f"grasp '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
             if not isinstance(grasp, Grasp):
                 raise ModelError(f"grasp '{name}': expected a Grasp, got {type(grasp).__name__}")
         put(self, "arms", FrozenDict({name: replace(arm, name=name) for name, arm in self.arms.items()}))
         order = [*self.arms]
-        keys = sorted(self.grasps, key=lambda key: order.index(_arm_of(key)))
+        keys = sorted(self.grasps, key=lambda key: order.index(holding_arm(key)))
         put(self, "grasps", FrozenDict({key: self.grasps[key] for key in keys}))
         put(self, "gravity", checks.numbers(self.gravity, (3,), "chain: gravity"))
         if not isinstance(self.springs, Sequence) or not all(isinstance(one, ForceElement) for one in self.springs):
@@ -216,7 +216,7 @@ class ClosedChain(Frozen):
             rows.append((TRUNK, _count(self.trunk.joint_count, "joint"), place, ""))
         for name, arm in self.arms.items():
             where = f"on {self.mounts[name]}" if name in self.mounts else f"base at {checks.place(arm.base.p)} m"
-            held = [_held(key, grasp) for key, grasp in self.grasps.items() if _arm_of(key) == name]
+            held = [_held(key, grasp) for key, grasp in self.grasps.items() if holding_arm(key) == name]
             joints = _count(arm.joint_count, "joint") if arm.joints else "anchor"
             rows.append((name, joints, where, "; ".join(held) or "holds nothing"))
         for name, one in self.free_objects.items():
@@ -354,7 +354,7 @@ class ClosedChain(Frozen):
 
     def with_grasp(self, name: str | tuple[str, str], grasp: Grasp) -> ClosedChain:
         """Return the chain with an additional grasp of an arm, or of its frame as (arm, frame), that has none."""
-        arm = _arm_of(name)
+        arm = holding_arm(name)
         checks.instance(arm, str, "grasp: name of the arm")
         if arm not in self.arms:
             raise ModelError(f"grasp '{arm}': no such arm.{checks.did_you_mean(arm, self.arms)}")
@@ -367,13 +367,13 @@ class ClosedChain(Frozen):
 
     def without_grasp(self, name: str | tuple[str, str]) -> ClosedChain:
         """Return the chain without the grasp of the named arm, or of its frame, which then moves freely."""
-        checks.instance(_arm_of(name), str, "grasp: name of the arm")
+        checks.instance(holding_arm(name), str, "grasp: name of the arm")
         if name not in self.grasps:
             raise ModelError(f"grasp {name!r}: no such grasp.{checks.did_you_mean(str(name), map(str, self.grasps))}")
         return replace(self, grasps={n: g for n, g in self.grasps.items() if n != name})
 
 
-def _arm_of(key: Any) -> Any:
+def holding_arm(key: Any) -> Any:
     """Return the name of the arm in a key of `grasps`."""
     return key[0] if isinstance(key, tuple) and len(key) == 2 else key
 

@@ -22,6 +22,9 @@ PER_FREEDOM = ("rate_limit", "effort_limit", "armature", "damping", "friction", 
 UNBOUNDED: Any = (-np.inf, np.inf)  # Any, because type checkers do not accept a tuple as a `Converted`
 
 
+ArmJointName = Literal["revolute", "prismatic", "screw", "cylindrical", "planar", "spherical"]
+
+
 @called
 @dataclass(frozen=True, eq=False)
 class Joint(Frozen):
@@ -53,7 +56,7 @@ class Joint(Frozen):
         actuated: False for a passive joint, whose torque is zero but for its spring and dampers.
     """
 
-    kind: Literal["revolute", "prismatic", "screw", "cylindrical", "planar", "spherical"] = "revolute"
+    kind: ArmJointName = "revolute"
     axis: ArrayField = field(default_factory=making(np.array, [0.0, 0.0, 1.0]))
     placement: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""

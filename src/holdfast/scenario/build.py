@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from holdfast.control.controller import Controller
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.consistency import require_closed
+from holdfast.dynamics.tree.forest_gaps import require_closed as require_closed_forest
+from holdfast.dynamics.tree.mechanism_terms import mechanism_arguments
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ClosureError, SceneError, StateError
 from holdfast.io import typed
@@ -23,6 +25,8 @@ from holdfast.io.files import LONGEST_NAME, file_path, one_line
 from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.force_element import HELD_OBJECT
+from holdfast.model.held_object import HeldObject
 from holdfast.model.trunk import Trunk
 from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf.source import UrdfSource
@@ -31,22 +35,17 @@ from holdfast.scenario.controllers import Controlled
 from holdfast.scenario.joints import pose, require_names
 from holdfast.scenario.overrides import overridden, toml_text
 from holdfast.scenario.robots import Robot, RobotFiles, SceneTrunk, robot, scene_trunk
-from holdfast.scenario.scene import ArmTable, ReleaseTable, SceneTable, SweepTable
-from holdfast.simulation.adaptive import Tolerance
-from holdfast.simulation.events import Attach, Event, Release, holding_after
-from holdfast.simulation.run_record import record_settings
+from holdfast.scenario.run_options import simulation_options
+from holdfast.scenario.scene import ArmTable, SceneTable, SweepTable
+from holdfast.scenario.table import Twist
 from holdfast.simulation.stops import step_times
-from holdfast.simulation.zero_order_hold import zero_order_hold
+from holdfast.spatial.pose import Pose
 from holdfast.state import Inputs, State
 
 LARGEST_NUMBER = 1e9
 LARGEST_SCENE = 2 * 2**20  # [bytes]; takes seconds to read
 MOST_LEVELS = 20  # levels of nesting; a scene needs seven
 MOST_ARMS, MOST_JOINTS = 64, 1000
-SIMULATION_KEYS = (  # passed on to `simulate`
-    "on_slip", "on_limit", "on_singular", "scheme", "rtol", "atol", "largest_drift", "sample_time", "delay",
-    "record", "every",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +97,7 @@ class Scenario:
     def notes(self) -> tuple[str, ...]:
         """Notes on what in these files was changed or ignored, and on numbers of the scene that are unlikely."""
         of_files = (note for one in self.made.values() for note in one.notes)
-        return tuple(dict.fromkeys([*of_files, *plausibility_notes(self.chain, self.state.object_frame)]))
+        return tuple(dict.fromkeys([*of_files, *plausibility_notes(self.chain, self.state.object_frames)]))
 
 
 def load_scene(
@@ -177,14 +176,14 @@ def build_scene(
         step_times(data.simulation.duration, data.simulation.step)
     trunk, robots = build_robots(data, files or RobotFiles(), at)
     chain, guess = build_chain(data, trunk, robots, at)
-    search = any(arm.q is None and arm.name in chain.grasps for arm in data.arms)
+    search = any(arm.q is None and arm.name in chain.grasps for arm in data.arms) and not chain.beyond_serial
     moved = [arm.name for arm in data.arms if not arm.anchor]  # to where their bushings are unloaded; anchors stay
     try:
         state = closed(with_slack_bushings(chain, moved), guess, search)
     except ClosureError as cause:
         raise ClosureError((at / "object" / "pose").message(str(cause))) from cause
     _require_velocities(chain, state, at)
-    options = build_options(data, chain, at)
+    options = simulation_options(data, chain, at)
     how = data.simulation
     controlled = Controlled(chain, state, how.sample_time)
     controller = controllers.controller(data.controller, controlled, at / "controller")
@@ -237,7 +236,11 @@ def closed(chain: ClosedChain, guess: State, search: bool) -> State:
 def _require_velocities(chain: ClosedChain, state: State, at: Location) -> None:
     """Refuse initial twists of object and trunk that the arms between them cannot follow."""
     try:
-        require_closed(chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain)), state)
+        if chain.beyond_serial:
+            given = mechanism_arguments(chain, state)
+            require_closed_forest(given.motion({}), given.q, given.qd)
+        else:
+            require_closed(chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain)), state)
     except StateError as cause:
         raise (at / "object" / "twist").refuse(
             f"expected a motion of object and trunk that the arms can follow: {cause}"
@@ -252,34 +255,73 @@ def build_chain(
     Raises:
         SceneError: with the path of the first fault.
     """
-    require_names((grasp.arm for grasp in data.grasps), at / "grasps", "arm")
+    require_names((grasp.arm for grasp in data.grasps if grasp.frame is None), at / "grasps", "arm")
     arms = {name: robot.arm for name, robot in robots.items()}
     grasps = {}
     for i, grasp in enumerate(data.grasps):
         if grasp.arm not in arms:
             raise (at / "grasps" / i / "arm").refuse(f"no arm '{grasp.arm}'.{checks.did_you_mean(grasp.arm, arms)}")
-        grasps[grasp.arm] = parts.grasp(grasp, at / "grasps" / i)
-    held = parts.held_object(data.object, at / "object")
-    at_first = pose(data.object.pose, at / "object" / "pose")
+        if (key := parts.grasp_key(grasp)) in grasps:
+            raise (at / "grasps" / i / "frame").refuse(f"'{grasp.frame}' of arm '{grasp.arm}' has a grasp already")
+        grasps[key] = parts.grasp(grasp, at / "grasps" / i, grasp.of)
+    require_names((loop.name for loop in data.loops), at / "loops", "name")
+    loops = {loop.name: parts.loop(loop, at / "loops" / i) for i, loop in enumerate(data.loops)}
+    couplings = [parts.coupling(one, at / "couplings" / i) for i, one in enumerate(data.couplings)]
+    objects = build_objects(data, at)
     below = None if trunk is None else trunk.trunk
     for arm in data.arms:
         if arm.anchor and arm.base is None and arm.mount is None and arm.name in grasps:
-            arms[arm.name] = arms[arm.name].at(at_first @ grasps[arm.name].frame @ arms[arm.name].tip.inverse())
+            of = grasps[arm.name].of
+            place = objects[of if of in objects else next(iter(objects))].pose
+            arms[arm.name] = arms[arm.name].at(place @ grasps[arm.name].frame @ arms[arm.name].tip.inverse())
     springs = [parts.spring(spring, arms, below, at / "springs" / i) for i, spring in enumerate(data.springs)]
     mounts = build_mounts(data.arms, below, at / "arms")
+    bodies = {name: one.body for name, one in objects.items()}
+    held: dict[str, Any] = {"held_object": bodies.pop(HELD_OBJECT)} if data.object is not None else {}
     with at.refusals():
         chain = ClosedChain(
             arms,
-            held,
-            grasps,
-            np.array(data.gravity),
-            below,
-            mounts if trunk is None else {**trunk.mounts, **mounts},
-            springs,
+            grasps=grasps,
+            gravity=np.array(data.gravity),
+            trunk=below,
+            mounts=mounts if trunk is None else {**trunk.mounts, **mounts},
+            springs=springs,
+            objects=bodies,
+            loops=loops,
+            couplings=couplings,
+            **held,
         )
     q = np.concatenate([*([] if trunk is None else [trunk.q]), *(robot.q for robot in robots.values())])
+    places, twists = [one.pose.wxyz_xyz for one in objects.values()], [one.twist for one in objects.values()]
+    several = len(objects) != 1
+    of_objects = (places, np.reshape(twists, (-1, 6))) if several else (places[0], np.array(twists[0]))
     base = (None, None) if trunk is None else (trunk.base_pose, trunk.base_twist)
-    return chain, State(q, 0 * q, at_first, np.array(data.object.twist), *base)
+    return chain, State(q, np.zeros(chain.joint_count), *of_objects, *base)
+
+
+class Placed(NamedTuple):
+    """An object of a scene at its initial pose, with its initial twist (6,)."""
+
+    body: HeldObject
+    pose: Pose
+    twist: Twist
+
+
+def build_objects(data: SceneTable, at: Location) -> dict[str, Placed]:
+    """Return the objects by name in the order of the chain, of which "object" is the first.
+
+    Raises:
+        SceneError: with the path of the first fault.
+    """
+    require_names(data.objects, at / "objects")
+    if data.object is not None and HELD_OBJECT in data.objects:
+        raise (at / "objects" / HELD_OBJECT).refuse(f"expected another name beside the table [{HELD_OBJECT}]")
+    tables = {} if data.object is None else {HELD_OBJECT: (data.object, at / HELD_OBJECT)}
+    tables |= {name: (one, at / "objects" / name) for name, one in data.objects.items()}
+    return {
+        name: Placed(parts.held_object(one, here), pose(one.pose, here / "pose"), one.twist)
+        for name, (one, here) in tables.items()
+    }
 
 
 def build_mounts(arms: Sequence[ArmTable], trunk: Trunk | None, at: Location) -> dict[str, str | int]:
@@ -305,68 +347,6 @@ def build_mounts(arms: Sequence[ArmTable], trunk: Trunk | None, at: Location) ->
             )
         mounts[arm.name] = arm.mount
     return mounts
-
-
-def build_options(data: SceneTable, chain: ClosedChain, at: Location) -> dict[str, Any]:
-    """Return the keyword arguments of `simulate`: events, surroundings, scheme, policies.
-
-    Raises:
-        SceneError: with the path of the first fault.
-    """
-    how = data.simulation
-    pushed = parts.pushes(data.wrenches, at / "wrenches")
-    swaying = build_base_motion(data, chain, at)
-    with (at / "simulation").refusals():
-        Tolerance(how.rtol, how.atol)
-        if how.largest_drift is not None:
-            checks.number(how.largest_drift, "simulation: largest_drift", above=0.0)
-        zero_order_hold(how.sample_time, how.delay, how.duration, [])
-        record_settings(how.record, how.every, how.step, chain)
-    return {
-        "events": build_events(data, chain, at / "events"),
-        "base_motion": swaying,
-        "inputs": pushed if data.wrenches else None,
-        # the jerk of a base jumps at the end of its smooth start
-        "breakpoints": [*how.breakpoints, *pushed.breakpoints, *(base.smooth_start for base in swaying.values())],
-        **{name: getattr(how, name) for name in SIMULATION_KEYS},
-    }
-
-
-def build_base_motion(data: SceneTable, chain: ClosedChain, at: Location) -> dict[str, parts.SwayingBase]:
-    """Return the motions of bases in the world, by arm name; "trunk" for the trunk.
-
-    Raises:
-        SceneError: with the path of the first fault.
-    """
-    moving = {
-        arm.name: parts.swaying_base(arm.base_motion, chain.arms[arm.name].base, at / "arms" / i / "base_motion")
-        for i, arm in enumerate(data.arms)
-        if arm.base_motion is not None
-    }
-    if data.trunk is not None and data.trunk.base_motion is not None:
-        assert chain.trunk is not None
-        moving[TRUNK] = parts.swaying_base(data.trunk.base_motion, chain.trunk.base, at / TRUNK / "base_motion")
-    return moving
-
-
-def build_events(data: SceneTable, chain: ClosedChain, at: Location) -> list[Event]:
-    """Return the events, after checking each against those before it.
-
-    Raises:
-        SceneError: with the path of the event at fault.
-    """
-    made: list[tuple[int, Event]] = []
-    for i, one in enumerate(data.events):
-        if isinstance(one, ReleaseTable):
-            made.append((i, Release(one.t, one.arm)))
-        else:
-            made.append((i, Attach(one.t, one.arm, parts.grasp(one, at / i), one.here)))
-    made.sort(key=lambda placed: placed[1].t)
-    holding = frozenset(chain.grasps)
-    for i, event in made:
-        with (at / i).refusals():
-            holding = holding_after(event, holding, chain, data.simulation.duration)
-    return [event for _, event in made]
 
 
 def require_sensible(raw: Any, at: Location, levels: int = MOST_LEVELS) -> None:

@@ -13,8 +13,9 @@ from holdfast.model import checks
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.trunk import BASE
 from holdfast.model.visuals import VisualShape
-from holdfast.scenario.scene import BodyTable, GraspTable, JointTable, ObjectTable
+from holdfast.scenario.scene import BodyTable, HoldTable, JointTable, ObjectTable
 from holdfast.scenario.table import PoseTable
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -22,7 +23,7 @@ from holdfast.spatial.scalar import Array
 NAME_PATTERN = re.compile(r"\w[\w.-]{0,63}")
 MASSLESS_INERTIA = np.zeros((3, 3))
 LIMIT_KEYS = ("position_limits", "rate_limit", "effort_limit")
-DRIVE_KEYS = ("armature", "damping", "friction", "stiffness", "rest")
+DRIVE_KEYS = ("armature", "damping", "friction", "stiffness", "rest", "pitch", "actuated")
 SOLIDS: Mapping[str, Callable[..., HeldObject]] = {
     solid.__name__: solid for solid in (HeldObject.box, HeldObject.sphere, HeldObject.cylinder)
 }
@@ -54,7 +55,7 @@ def require_names(names: Iterable[str], at: Location, *key: str, optional: bool 
         first[name] = place
 
 
-def pose(data: PoseTable | GraspTable, at: Location) -> Pose:
+def pose(data: PoseTable | HoldTable, at: Location) -> Pose:
     """Return a pose; without an attitude its axes are parallel to the reference frame's."""
     if data.quaternion is not None and data.rpy is not None:
         raise at.refuse("expected quaternion or rpy, got both")
@@ -81,6 +82,15 @@ def joints_and_links(data: Sequence[JointTable], at: Location) -> tuple[list[Joi
     require_names((one.link.name for one in data), at, "link", "name", optional=True)
     joints = [_joint(one, at / k) for k, one in enumerate(data)]
     return joints, [body(one.link, at / k / "link") for k, one in enumerate(data)]
+
+
+def parents(data: Sequence[JointTable]) -> list[int | str | None]:
+    """Return the link on which each joint stands, as for an `Arm`; nothing for joints in series."""
+    if all(one.parent is None for one in data):
+        return []
+    before = [None, *range(len(data) - 1)]
+    given = [k if one.parent is None else one.parent for one, k in zip(data, before, strict=True)]
+    return [None if parent == BASE else parent for parent in given]
 
 
 def body(data: BodyTable, at: Location) -> Link:

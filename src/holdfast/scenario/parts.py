@@ -14,7 +14,9 @@ from holdfast.errors import ModelError
 from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.model.force_element import SpringEnd
+from holdfast.model.closure import Closure
+from holdfast.model.coupling import Coupling
+from holdfast.model.force_element import WORLD, SpringEnd
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.spring import Spring
@@ -28,8 +30,8 @@ from holdfast.spatial.vector import cross
 from holdfast.state import Inputs
 
 
-def grasp(data: scene.GraspTable, at: Location) -> Grasp:
-    """Return a grasp."""
+def grasp(data: scene.HoldTable, at: Location, of: str | None = None) -> Grasp:
+    """Return a grasp, of an object by name if there are several."""
     frame = pose(data, at)
     contact = limits = None
     if data.contact is not None:
@@ -42,7 +44,28 @@ def grasp(data: scene.GraspTable, at: Location) -> Grasp:
             limits = WrenchLimits(*(math.inf if limit is None else limit for limit in (given.moment, given.force)))
     motion = None if data.motion is None else np.array(data.motion, dtype=float).T
     with at.refusals():
-        return Grasp(data.kind, frame, contact, limits, data.pitch, motion, data.stiffness, data.damping)
+        return Grasp(data.kind, frame, contact, limits, data.pitch, motion, data.stiffness, data.damping, of)
+
+
+def grasp_key(data: scene.GraspTable | scene.ReleaseTable) -> str | tuple[str, str]:
+    """Return what names a grasp in a chain: the arm, or the arm and its link or frame."""
+    return data.arm if data.frame is None else (data.arm, data.frame)
+
+
+def loop(data: scene.LoopTable, at: Location) -> Closure:
+    """Return a closure that is no grasp."""
+    tip = Pose.identity() if data.tip is None else pose(data.tip, at / "tip")
+    held = grasp(data, at)
+    with at.refusals():
+        return Closure(None if data.a == WORLD else data.a, data.b, held, tip)
+
+
+def coupling(data: scene.CouplingTable, at: Location) -> Coupling:
+    """Return a coupling of joints."""
+    if data.rates_only and data.offset:
+        raise (at / "offset").refuse("expected none with rates_only, which leaves positions as they are")
+    with at.refusals():
+        return Coupling(data.terms, None if data.rates_only else data.offset)
 
 
 def spring(data: scene.SpringTable, arms: Mapping[str, Arm], trunk: Trunk | None, at: Location) -> Spring:
@@ -124,10 +147,10 @@ class SwayingBase:
 
 @dataclass(frozen=True, eq=False)
 class Pushes:
-    """External wrenches on the object, each acting for an interval of time.
+    """External wrenches on the object or objects, each acting for an interval of time.
 
     Attributes:
-        wrenches: (pushes, 6) [moment; force] about C, world axes [N m, N].
+        wrenches: (pushes, 6) [moment; force] about C, world axes [N m, N]; (pushes, k, 6) on k objects.
         begins: (pushes,) times at which they begin [s].
         ends: (pushes,) times at which they end [s]; a wrench no longer acts at its end.
     """
@@ -164,17 +187,22 @@ def swaying_base(data: scene.BaseMotionTable, rest: Pose, at: Location) -> Swayi
         )
 
 
-def pushes(data: Sequence[scene.WrenchTable], at: Location) -> Pushes:
-    """Return the wrenches on the object.
+def pushes(data: Sequence[scene.WrenchTable], objects: Sequence[str], at: Location) -> Pushes:
+    """Return the wrenches on the objects.
 
     Raises:
-        SceneError: a wrench ends before it begins.
+        SceneError: a wrench ends before it begins, or it is not said on which object it acts.
     """
+    wrenches = np.zeros((len(data), len(objects), 6))
     for i, push in enumerate(data):
         if push.end is not None and push.end <= push.begin:
             raise (at / i / "end").refuse(f"expected a time after the begin at {push.begin:g} s, got {push.end:g}")
+        name = objects[0] if push.of is None and len(objects) == 1 else push.of
+        if name not in objects:
+            raise (at / i / "of").refuse(f"expected one of {', '.join(objects) or 'no objects'}, got {name!r}")
+        wrenches[i, objects.index(name)] = (*push.moment, *push.force)
     return Pushes(
-        np.array([(*push.moment, *push.force) for push in data]).reshape(-1, 6),
+        wrenches[:, 0] if len(objects) == 1 else wrenches,
         np.array([push.begin for push in data]),
         np.array([np.inf if push.end is None else push.end for push in data]),
     )

@@ -22,7 +22,7 @@ from holdfast.robots import ROBOTS
 from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf import UrdfChain, UrdfTrunkChain, urdf_chain, urdf_trunk
 from holdfast.robots.urdf.source import UrdfSource, read_source
-from holdfast.scenario.joints import body, joints_and_links, pose
+from holdfast.scenario.joints import body, joints_and_links, parents, pose
 from holdfast.scenario.scene import ArmTable, TrunkTable, UrdfTable
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
@@ -108,7 +108,7 @@ def robot(data: ArmTable, files: RobotFiles, at: Location) -> Robot:
     elif data.joints is not None:
         parts = joints_and_links(data.joints, at / "joints")
         with at.refusals():
-            arm = Arm(*parts, base=base, name=data.name)
+            arm = Arm(*parts, base=base, name=data.name, parents=parents(data.joints))
     else:
         arm = Anchor(base, data.name) if data.anchor else built_in(data.robot, base, at)
     return finished(Robot(arm, preferred_configuration(arm), source, links), data, at)
@@ -131,6 +131,10 @@ def require_one_origin(data: ArmTable | TrunkTable, at: Location) -> None:
 
 def finished(found: Robot, data: ArmTable, at: Location) -> Robot:
     """Return an arm with its tool and with the initial joint positions from the scene."""
+    if data.frames:
+        frames = {name: (one.link, pose(one, at / "frames" / name)) for name, one in data.frames.items()}
+        with (at / "frames").refusals():
+            found = replace(found, arm=replace(found.arm, frames={**found.arm.frames, **frames}))
     if data.tip is not None:
         arm, links = found.arm, found.links
         arm = arm.with_tip(arm.tip @ pose(data.tip, at / "tip"))
@@ -172,7 +176,14 @@ def chain_of_file(data: UrdfTable, source: UrdfSource, base: Pose, at: Location)
     """
     with file_refusals(at):
         links = urdf_chain(
-            source, base=data.base, tip=data.tip, locked=data.locked, lock_others=data.lock_others, mount=base
+            source,
+            base=data.base,
+            tip=data.tip,
+            locked=data.locked,
+            lock_others=data.lock_others,
+            branches=data.branches,
+            loop_closures=[tuple(one) for one in data.loop_closures],
+            mount=base,
         )
     (joints,) = with_drives(data, [links.arm.joints], at)
     return replace(links, arm=replace(links.arm, joints=joints))
@@ -263,6 +274,8 @@ def scene_trunk(data: TrunkTable, arms: Sequence[ArmTable], files: RobotFiles, a
     if data.urdf is not None:
         found = _of_file(data, base, floating is not None, arms, files, at)
     elif data.joints is not None:
+        if parents(data.joints):
+            raise (here / "joints").refuse("expected a trunk in series, without parent; try branches in an arm")
         parts = joints_and_links(data.joints, here / "joints")
         with here.refusals():
             found = _at_rest(Trunk(*parts, base=base))
@@ -324,6 +337,8 @@ def _of_file(
             floating=urdf.floating,
             locked=urdf.locked,
             lock_others=urdf.lock_others,
+            branches=urdf.branches,
+            loop_closures=[tuple(one) for one in urdf.loop_closures],
             mount=None if urdf.floating else base,
         )
     found = links.found

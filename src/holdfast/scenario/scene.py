@@ -8,6 +8,7 @@ import msgspec
 
 from holdfast.model.closed_chain import STANDARD_GRAVITY
 from holdfast.model.grasp import GraspName
+from holdfast.model.joint import ArmJointName
 from holdfast.scenario.controller_tables import ControllerTable
 from holdfast.scenario.table import ZEROS, KeyTable, NumberRows, PoseTable, Quaternion, Triple, Twist
 from holdfast.simulation.adaptive import RTOL
@@ -56,12 +57,18 @@ class BodyTable(_Solid, kw_only=True):
 
 
 class JointTable(PoseTable, kw_only=True):
-    """A joint and the link that it moves; the pose is of the link's frame at q = 0, in the previous link's frame."""
+    """A joint and the link that it moves; the pose is of the link's frame at q = 0, in the frame of the parent link.
+
+    The `parent` is the link of an earlier joint, by its name or index, or "base"; by default the previous link.
+    """
 
     link: BodyTable
     name: str = ""
-    kind: Literal["revolute", "prismatic"] = "revolute"
+    kind: ArmJointName = "revolute"
     axis: Triple = (0.0, 0.0, 1.0)
+    pitch: float | None = None
+    parent: str | int | None = None
+    actuated: bool = True
     position_limits: tuple[float, float] | None = None
     rate_limit: float | None = None
     effort_limit: float | None = None
@@ -76,7 +83,8 @@ class UrdfTable(KeyTable):
     """An arm from a URDF, SDF or xacro file, see `load_urdf`; `file` is relative to the scene's folder.
 
     `armature` is the inertia of the drives reflected to their joints [kg m^2 or kg], which URDF cannot express.
-    `stiffness` [N m/rad or N/m] and `rest` [rad or m] define springs in the joints.
+    `stiffness` [N m/rad or N/m] and `rest` [rad or m] define springs in the joints. With `branches`, other joints on
+    the arm move, too, and `loop_closures` are pairs of links between which loops close, perhaps with a grasp kind.
     """
 
     file: str
@@ -88,6 +96,8 @@ class UrdfTable(KeyTable):
     armature: dict[str, float] = {}
     stiffness: dict[str, float] = {}
     rest: dict[str, float] = {}
+    branches: bool = False
+    loop_closures: list[list[str]] = []
 
 
 class TrunkUrdfTable(UrdfTable, kw_only=True):
@@ -101,6 +111,12 @@ class TrunkUrdfTable(UrdfTable, kw_only=True):
     floating: bool = False
 
 
+class FrameTable(PoseTable, kw_only=True):
+    """A further frame on a link of an arm, for example of a finger's pad."""
+
+    link: str | int
+
+
 class ArmTable(KeyTable):
     """An arm: a built-in robot, a URDF, joints, or an anchor, with its base, its tool and its joint positions.
 
@@ -109,7 +125,7 @@ class ArmTable(KeyTable):
     robot's own tip frame, or in the frame of the last of the `joints`. `q` is an initial guess from which the arm is
     moved to its grasp. By default it is the robot's home configuration, or the middle of the joint ranges, and other
     guesses are tried if the arm does not reach its grasp from there. An `anchor` has no joints; by default its `base`
-    is the initial pose of its grasp.
+    is the initial pose of its grasp. `frames` are further frames by which it can hold something.
     """
 
     name: str
@@ -121,6 +137,7 @@ class ArmTable(KeyTable):
     base: PoseTable | None = None
     tip: PoseTable | None = None
     q: list[float] | None = None
+    frames: dict[str, FrameTable] = {}
     base_motion: BaseMotionTable | None = None
 
 
@@ -168,10 +185,9 @@ class WrenchLimitsTable(KeyTable):
     force: float | None = None
 
 
-class GraspTable(KeyTable):
-    """A grasp: its kind, and its contact frame in the object's frame, with z pointing into the object."""
+class HoldTable(KeyTable):
+    """A kind of grasp, and its contact frame in the frame of what is held, with z pointing into it."""
 
-    arm: str
     kind: GraspName
     position: Triple = ZEROS
     quaternion: Quaternion | None = None
@@ -182,6 +198,34 @@ class GraspTable(KeyTable):
     damping: list[float | list[float]] | None = None
     contact: ContactTable | None = None
     wrench_limits: WrenchLimitsTable | None = None
+
+
+class GraspTable(HoldTable, kw_only=True):
+    """A grasp by an arm's tip, or by one of its links or `frames`; `of` is the name of the object, if it has one."""
+
+    arm: str
+    frame: str | None = None
+    of: str | None = None
+
+
+class LoopTable(HoldTable, kw_only=True):
+    """A closure that is no grasp: a link or frame "arm/link", an object or the "world" `a` holds another one, `b`.
+
+    The contact frame is in the frame of `b`, and `tip` the pose in that of `a` which attaches to it.
+    """
+
+    name: str
+    a: str
+    b: str
+    tip: PoseTable | None = None
+
+
+class CouplingTable(KeyTable):
+    """A linear relation of joints "arm/joint", sum of coefficient times position = offset, or of their rates alone."""
+
+    terms: dict[str, float]
+    offset: float = 0.0
+    rates_only: bool = False
 
 
 class AttachTable(GraspTable, kw_only=True, tag_field="type", tag="attach"):
@@ -196,6 +240,7 @@ class ReleaseTable(KeyTable, tag_field="type", tag="release"):
 
     t: float
     arm: str
+    frame: str | None = None
 
 
 class SpringEndTable(KeyTable):
@@ -217,12 +262,13 @@ class SpringTable(KeyTable):
 
 
 class WrenchTable(KeyTable):
-    """An external wrench on the object about its origin, world axes, from `begin` to `end`."""
+    """An external wrench on the object, or that named `of`, about its origin, world axes, from `begin` to `end`."""
 
     force: Triple = ZEROS
     moment: Triple = ZEROS
     begin: float = 0.0
     end: float | None = None
+    of: str | None = None
 
 
 class SimulationTable(KeyTable):
@@ -281,17 +327,21 @@ class SweepTable(KeyTable):
 
 
 class SceneTable(KeyTable):
-    """A scene: the arms, their trunk if any, the held object, grasps, a controller, and the simulation settings.
+    """A scene: the arms, their trunk if any, what they hold, grasps, a controller, and the simulation settings.
 
+    There is one `object`, or several `objects` by name, or none. `loops` and `couplings` are those of the whole chain.
     `packages` are the folders of packages by name to which robot files refer, relative to the scene's folder.
     """
 
     arms: list[ArmTable]
-    object: ObjectTable
     simulation: SimulationTable
+    object: ObjectTable | None = None
+    objects: dict[str, ObjectTable] = {}
     controller: ControllerTable | None = None
     trunk: TrunkTable | None = None
     grasps: list[GraspTable] = []
+    loops: list[LoopTable] = []
+    couplings: list[CouplingTable] = []
     events: list[AttachTable | ReleaseTable] = []
     wrenches: list[WrenchTable] = []
     springs: list[SpringTable] = []

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from holdfast.dynamics.impulse import attach
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, holding_arm
 from holdfast.model.grasp import Grasp
 from holdfast.model.grasp_rows import row_name
 from holdfast.names import called
@@ -157,7 +157,7 @@ def holding_after(event: Event, holding: frozenset[Any], chain: ClosedChain, dur
         ModelError: as for `in_order`.
     """
     what = f"{type(event).__name__.lower()} of '{row_name(event.arm)}' at t = {event.t} s"
-    arm = event.arm if isinstance(event.arm, str) else event.arm[0]
+    arm = holding_arm(event.arm)
     t = checks.number(event.t, f"{what}: t", above=0.0)
     if t > duration:
         raise ModelError(f"{what}: expected a time within the run of {duration:g} s")

@@ -9,30 +9,12 @@ import numpy as np
 
 from holdfast.dynamics.tree.forest_simulate import ForestAccount, ForestSample
 from holdfast.dynamics.tree.mechanism_terms import chain_state, joint_rows
-from holdfast.errors import MethodNotApplicable
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.mechanism_margins import MechanismInstant, MechanismSignals
 from holdfast.simulation.run_record import Listeners, RecordSettings
 from holdfast.simulation.sample import lowest_joints
-from holdfast.simulation.trajectory import NOT_OF_FORESTS, Trajectory, part_of
+from holdfast.simulation.trajectory import Trajectory, part_of
 from holdfast.spatial.scalar import Array
-
-
-def recordable(how: RecordSettings, asked: str | Sequence[str]) -> RecordSettings:
-    """Return what a run of a forest records.
-
-    Args:
-        how: the settings, whatever the chain.
-        asked: the argument `record` of `simulate`.
-
-    Raises:
-        MethodNotApplicable: an array is asked for by name that such a run does not determine.
-    """
-    named = [asked] if isinstance(asked, str) else asked
-    for name in NOT_OF_FORESTS:
-        if name in named:
-            raise MethodNotApplicable(f"record: expected arrays of a chain that is answered as a forest, got '{name}'")
-    return how._replace(names=tuple(name for name in how.names if name not in NOT_OF_FORESTS))
 
 
 def mechanism_instant(signals: MechanismSignals, sample: ForestSample, found: ForestAccount, tau: Array) -> Any:

@@ -8,12 +8,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.errors import ModelError
+from holdfast.errors import MethodNotApplicable, ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.stops import ALIKE
-from holdfast.simulation.trajectory import BASE_FIELDS, LOWEST, TRUNK_FIELDS, Trajectory, array_names, joined, part_of
+from holdfast.simulation.trajectory import (
+    BASE_FIELDS,
+    LOWEST,
+    NOT_OF_FORESTS,
+    TRUNK_FIELDS,
+    Trajectory,
+    array_names,
+    joined,
+    part_of,
+)
 from holdfast.spatial.scalar import Array
 
 EVERYTHING, STATES = "everything", "states"
@@ -61,6 +70,7 @@ def record_settings(record: str | Sequence[str], every: int, step: float, chain:
 
     Raises:
         ModelError: a name is unknown, or `every` is not a whole number from 1.
+        MethodNotApplicable: an array is asked for by name that a run of a chain with branches does not determine.
     """
     if isinstance(every, bool) or not isinstance(every, int | np.integer) or every < 1:
         raise ModelError(f"simulation: every: expected a number of steps from 1, got {checks.short(every)}")
@@ -76,9 +86,12 @@ def record_settings(record: str | Sequence[str], every: int, step: float, chain:
         if not isinstance(name, str) or name not in known:
             alike = checks.did_you_mean(str(name), [EVERYTHING, STATES, *known])
             raise ModelError(f"simulation: record: no array {checks.short(name)}.{alike}")
+        if chain.beyond_serial and name in NOT_OF_FORESTS and listed is not known:
+            raise MethodNotApplicable(f"record: expected arrays of a chain that is answered as a forest, got '{name}'")
     empty = TRUNK_FIELDS if chain.trunk is None else () if chain.trunk.floating else BASE_FIELDS
     empty = (*empty, *(() if chain.all_couplings else ("coupling_force",)))
     found = {"t", *listed, *empty, *(lowest for lowest, others in LOWEST.items() if not {*listed}.isdisjoint(others))}
+    found -= {*(NOT_OF_FORESTS if chain.beyond_serial else ())}
     return RecordSettings(tuple(name for name in known if name in found), int(every), step)
 
 

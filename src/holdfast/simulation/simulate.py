@@ -37,7 +37,6 @@ from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.mechanism_run import attached_later, mechanism_run, require_openable
-from holdfast.simulation.mechanism_sample import recordable
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
 from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
 from holdfast.simulation.run_record import EVERYTHING, Listeners, record_settings, require_memory
@@ -83,7 +82,7 @@ def simulate(
     progress: bool | Callable[[float], object] | None = None,
     on_sample: Callable[[Trajectory], None] | None = None,
     on_checkpoint: Callable[[Checkpoint], None] | None = None,
-    on_samples: Callable[[Trajectory, Checkpoint], None] | None = None,
+    on_samples: Callable[[Trajectory, Checkpoint | None], None] | None = None,
     make_stepper: MakeStepper | None = None,
     name: str = "run",
     folder: str | PathLike[str] | None = None,
@@ -143,7 +142,7 @@ def simulate(
         on_sample: called with every recorded sample; samples of up to 128 steps come one after another.
         on_checkpoint: called after `on_sample` with a checkpoint from which the run can be continued.
         on_samples: called with the samples of one or more steps as a run, and the checkpoint after the last of them, to
-            which what has happened belongs.
+            which what has happened belongs; None for a chain that is answered as a forest.
         make_stepper: returns the stepper. By default steps are compiled to machine code if there are enough of them.
         name: name of the run in pages and files.
         folder: result folder to which the samples are appended while the run goes on, at least every 5 seconds. It can
@@ -168,7 +167,7 @@ def simulate(
     forest = answered_as_forest(chain)
     if forest:
         given = {"base_motion": base_motion or None, "largest_drift": largest_drift, "start": start}
-        given |= {"on_checkpoint": on_checkpoint, "on_samples": on_samples, "make_stepper": make_stepper}
+        given |= {"on_checkpoint": on_checkpoint, "make_stepper": make_stepper}
         given |= {"sample_time": at_samples(controller, sample_time, delay)[1]}
         require_unused(**{argument: x is not None for argument, x in given.items()})
         require_unused(delay=delay != 0.0, on_singular=on_singular != "stop", scheme=scheme != "rk4")
@@ -205,7 +204,6 @@ def simulate(
         require_function(acting.law, chain)
     if forest:
         require_openable(chain, policy)
-        wanted = recordable(wanted, record)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
 
     verified = EVALUATIONS if joint_limits(chain).limited.any() else 1

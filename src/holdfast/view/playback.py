@@ -238,10 +238,12 @@ def playback_of_instant(at: Instant, title: str, controller: Any = None) -> Play
         controller: as for `playback_of_run`.
     """
     chain, state, found = at.chain, at.state, at.result
-    margin = np.full(len(chain.arms), np.inf)
-    margin[[chain.names.index(name) for name in chain.grasps]] = grasp_margins(chain, state, found.grasp_wrench)
-    place = _placed(chain, at.inputs, state, grasp_rows(chain))
-    internal = split(chain, state, found.grasp_wrench).internal
+    rows = grasp_rows(chain)
+    margin = np.full(len(rows), np.inf)
+    held = [i for i, row in enumerate(rows) if row.grasp is not None]
+    margin[held] = grasp_margins(chain, state, found.grasp_wrench)
+    place = _placed(chain, at.inputs, state, rows)
+    internal = np.zeros((0, 6)) if chain.beyond_serial else split(chain, state, found.grasp_wrench).internal
     parts = (
         at.t, state.q, place.bases, place.below, state.object_pose, place.tips, found.grasp_wrench, internal, margin,
         found.condition, place.strength, at.tau,

@@ -169,8 +169,9 @@ def test_closing():
     assert np.abs(state.q - p.state.q).max() < 0.05
     assert hf.forward_dynamics(p.chain, state, p.tau).mobility == 22 - 13  # checks the state to 1e-6
     assert abs(state.q[6] - state.q[7]) < 1e-9 and abs(state.qd[6] - state.qd[7]) < 1e-9
-    with pytest.raises(MethodNotApplicable, match="hold_object"):
-        hf.close(p.chain, opened, hold_object=True)
+    np.testing.assert_array_equal(hf.close(p.chain, opened, hold_object=True).object_pose, opened.object_pose)
+    with pytest.raises(MethodNotApplicable, match="posture"):
+        hf.close(p.chain, opened, posture=hf.dynamics.Posture(opened.q))
     arm = p.chain.arms["arm1"]
     short = arm.of([replace(joint, position_limits=(5.0, 6.0)) for joint in arm.joints])
     with pytest.raises(hf.errors.ClosureError, match="'arm1/joint1': closed only at"):
@@ -186,7 +187,7 @@ def test_states_are_checked():
         StateError, match=r"coupling of 'arm2/finger1' and 'arm2/finger2': position gap -0\.001, rate 0"
     ):
         hf.forward_dynamics(chain, replace(state, q=opened), tau)
-    with pytest.raises(StateError, match=r"grasp \('arm1', 'link6'\): position gap"):
+    with pytest.raises(StateError, match=r"grasp 'arm1/link6': position gap"):
         hf.forward_dynamics(chain, replace(state, object_pose=hf.Pose.identity()), tau)
     with pytest.raises(StateError, match=r"q: expected 16 joint positions"):
         hf.forward_dynamics(chain, hf.State(np.zeros(7), np.zeros(7), state.object_pose), tau)

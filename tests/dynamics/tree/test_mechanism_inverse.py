@@ -123,9 +123,9 @@ def test_refusals():
         hf.inverse_dynamics(chain, state, zero)
     wrench = np.zeros((3, 6))
     wrench[1] = [0.1, 0.0, 0.0, 1.0, 0.0, 0.0]
-    with pytest.raises(StateError, match=r"grasp \('arm1', 'pad1'\): expected one that a ball grasp transmits"):
+    with pytest.raises(StateError, match=r"grasp 'arm1/pad1': expected one that a ball grasp transmits"):
         hf.inverse_dynamics(chain, state, zero, wrench, object_acceleration=np.zeros(6))
-    with pytest.raises(StateError, match=r"do not satisfy the forest: grasp \('arm1', 'link6'\)"):
+    with pytest.raises(StateError, match=r"do not satisfy the forest: grasp 'arm1/link6'"):
         hf.inverse_dynamics(chain, state, zero, object_acceleration=np.ones(6))
     with pytest.raises(StateError, match="base_acceleration: expected none"):
         hf.inverse_dynamics(chain, state, zero, base_acceleration=np.ones(6), object_acceleration=np.zeros(6))

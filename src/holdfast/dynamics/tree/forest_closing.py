@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.elimination import ForestSolution
 from holdfast.dynamics.tree.forest_balance import kinetic_energy
@@ -20,7 +21,7 @@ from holdfast.dynamics.tree.forest_gaps import ForestGaps, position_gaps, requir
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces, reach, turning
 from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced
-from holdfast.errors import ClosureError
+from holdfast.errors import ClosureError, StateError
 from holdfast.model.forest import Forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
@@ -68,25 +69,34 @@ class ForestImpulse(Frozen):
 
 
 @np.errstate(all="ignore")  # what overflows is refused
-def forest_close(forest: Forest, q: ArrayLike, qd: ArrayLike | None = None) -> ForestState:
+def forest_close(
+    forest: Forest, q: ArrayLike, qd: ArrayLike | None = None, *, held: ArrayLike | None = None
+) -> ForestState:
     """Return the state near a given one that satisfies all closures and couplings, O(n^3) per step.
 
     Damped Gauss-Newton steps of least norm, with lengths in units of the forest's reach, close the position rows and
-    the couplings with offsets; then the rates are changed once, by the smallest change in the kinetic metric.
+    the couplings with offsets; then the rates are changed once, by the smallest change in the kinetic metric, or with
+    some held, by that of least norm in the same lengths.
 
     Args:
         forest: bodies, closures and couplings.
         q: (n_q,) positions to start from.
         qd: (n_v,) rates to stay near; zero by default.
+        held: (n_v,) booleans, True for coordinates of qd that do not move and keep their rates; none by default.
 
     Raises:
         StateError: a shape is wrong.
         ClosureError: the closures cannot be closed from there; the message names the gaps.
     """
     given = forest_arguments(forest, q, ... if qd is None else qd)
-    positions = closed_positions(forest, given.q)
-    there = given._replace(q=positions)
-    return ForestState(positions, given.qd + _velocity_change(there)[0])
+    if held is None:
+        there = given._replace(q=closed_positions(forest, given.q))
+        return ForestState(there.q, given.qd + _velocity_change(there)[0])
+    fixed = np.asarray(held, dtype=bool)
+    if fixed.shape != (forest.velocity_count,):
+        raise StateError(f"held: expected {forest.velocity_count} booleans, got an array of shape {fixed.shape}")
+    there = given._replace(q=closed_positions(forest, given.q, fixed))
+    return ForestState(there.q, given.qd + _velocity_step(there, fixed))
 
 
 @np.errstate(all="ignore")  # what overflows is refused
@@ -127,7 +137,7 @@ def impulse_of(given: ForestArguments) -> ForestImpulse:
     )
 
 
-def closed_positions(forest: Forest, q: Array) -> Array:
+def closed_positions(forest: Forest, q: Array, held: Array | bool = False) -> Array:
     """Return positions near some with closures and couplings satisfied; see `forest_close`.
 
     Rows that follow from others are independent while closures are open, if weakly, and would lead astray: singular
@@ -138,7 +148,7 @@ def closed_positions(forest: Forest, q: Array) -> Array:
     for _ in range(MOST_CLOSING_STEPS):
         if gaps.largest <= FOREST_CLOSED:
             break
-        step = _damped_step(motion, gaps, damping)
+        step = _damped_step(motion, gaps, damping, held)
         there = displaced(forest, q, step * min(1.0, LONGEST_CLOSING_STEP / max(float(np.abs(step).max()), 1e-300)))
         moved, left = _gaps_at(forest, there)
         if left.size < gaps.size:
@@ -169,9 +179,19 @@ def _velocity_change(given: ForestArguments) -> tuple[Array, ForestSolution, For
     return np.concatenate(change), found, motion
 
 
-def _damped_step(motion: ForestMotion, gaps: ForestGaps, damping: float) -> Array:
+def _velocity_step(given: ForestArguments, held: Array) -> Array:
+    """Return the least change of the rates that are not held, with lengths in units of the forest's reach, (n_v,)."""
+    motion = given.motion({})
+    gaps = velocity_gaps(motion, given.qd)
+    unit = np.where(held, 0.0, np.where(turning(motion), 1.0, reach(motion)))
+    rows = forest_rows(motion).on_qd(motion) * unit
+    step = np.linalg.lstsq(rows, -np.concatenate([*gaps.closures, gaps.couplings]), NULL_SINGULAR_VALUE)[0]
+    return unit * step
+
+
+def _damped_step(motion: ForestMotion, gaps: ForestGaps, damping: float, held: Array | bool) -> Array:
     """Return the smallest step, with lengths in units of the forest's reach, in the coordinates of qd, (n_v,)."""
-    unit = np.where(turning(motion), 1.0, reach(motion))
+    unit = np.where(held, 0.0, np.where(turning(motion), 1.0, reach(motion)))
     U, s, Vt = np.linalg.svd(forest_rows(motion).on_qd(motion) * unit, full_matrices=False)
     apart = np.concatenate([*gaps.closures, gaps.couplings])
     return unit * (Vt.T @ (s / (s * s + damping * gaps.size * s[0] ** 2) * (U.T @ -apart)))

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.forest_closing import forest_close
 from holdfast.dynamics.tree.forest_dynamics import FOREST_METHODS, ForestResult, solved_forest
-from holdfast.dynamics.tree.mechanism_terms import chain_results, chain_state, flat_state, mechanism_arguments
+from holdfast.dynamics.tree.mechanism_terms import (
+    chain_results,
+    chain_state,
+    flat_rates,
+    flat_state,
+    joint_rows,
+    mechanism_arguments,
+)
 from holdfast.errors import ClosureError, MethodNotApplicable
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
 from holdfast.spatial.scalar import Array
@@ -90,20 +98,34 @@ class MechanismResult(Frozen):
         return parts[name]
 
 
-def mechanism_close(chain: ClosedChain, guess: State, *, limits: bool) -> State:
+def mechanism_close(
+    chain: ClosedChain, guess: State, *, hold_object: bool, hold_trunk: bool, hold_base: bool, limits: bool
+) -> State:
     """Return the state near a guess that satisfies the chain's grasps, loops and couplings; see `forest_close`.
 
     Args:
         chain: the chain.
         guess: positions and velocities to start from.
+        hold_object: keep poses and twists of all objects.
+        hold_trunk: keep the joints of the trunk and a floating base.
+        hold_base: keep a floating base.
         limits: whether joints must be within their position limits.
 
     Raises:
         ClosureError: it cannot be closed from there, or only beyond the limits of a joint.
     """
     require_state(chain, guess)
-    found = forest_close(chain.as_forest.forest, *flat_state(chain, guess))
+    held = flat_rates(
+        np.zeros(chain.joint_count),
+        np.full_like(guess.object_twist, hold_object),
+        np.full(6, hold_base or hold_trunk) if chain.floats else None,
+    )
+    if chain.trunk is not None:
+        held[joint_rows(chain)][chain.joints[TRUNK]] = hold_trunk
+    found = forest_close(chain.as_forest.forest, *flat_state(chain, guess), held=held if held.any() else None)
     state, at = chain_state(chain, found.q, found.qd), 0
+    if hold_object:  # even a zero rotation could change the last bit of a pose
+        state = replace(state, object_pose=guess.object_pose)
     for name, joint in zip(chain.joint_names(), chain.all_joints, strict=True):
         (low, high), x = joint.position_limits, state.q[at]
         if limits and not joint.type.quaternion and not low <= x <= high:
