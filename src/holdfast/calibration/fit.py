@@ -1,0 +1,202 @@
+"""Weighted least squares over the unknowns, in which what is not determined keeps the model's values.
+
+Unknowns are divided by their sizes: the standard deviation of the prior, or else `largest_deviation`. Eigenvectors of
+H + prior with eigenvalues below 1 are the directions of which a standard deviation would exceed the size. They are not
+determined, and x keeps the model's values along them. The covariance is the inverse of H + prior in the other
+directions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.calibration.geometry import Gaps, adjusted
+from holdfast.calibration.problem import ROUNDING, Point, Problem, Whitened, evaluated, whitened
+from holdfast.identification.estimate import autocorrelation_of
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array
+
+MOST_STEPS, MOST_HALVINGS, MOST_ROUNDS = 50, 12, 15
+SETTLED = 1e-9  # decrease of the sum of squares, in variances, that ends the iteration
+LEAST_NOISE = 1e-9  # [rad or m] of estimated noise
+LEAST_LEFT = 0.02  # share of a channel's noise that its residuals must show
+HUBER = 1.345  # standard deviations above which a posture counts less, with robust=True
+SAME_SPACE = 1e-2  # sine of the angle between subspaces that count as one
+CALM = 0.02  # relative change of variances and weights that ends the rounds
+FEWEST_IN_ORDER = 16  # postures in which neighbours may be found to depend on each other
+
+
+@dataclass(frozen=True, eq=False)
+class Fit(Frozen):
+    """What was found.
+
+    Attributes:
+        x: (p,) corrections.
+        covariance: (p, p) of x; 0 along `null`.
+        information: (p, p) H, in sizes.
+        null: (p, d) orthonormal directions, in sizes, that keep the model's values.
+        weak: (p, d) directions of which the rows tell less than the size or the prior does.
+        residuals: (postures, rows) gaps after the fit; NaN where a closure did not hold.
+        noise: (channels,) standard deviations.
+        misfit: mean square of whitened residuals.
+        widening: by which the covariance was multiplied because neighbouring residuals depend on each other.
+        weights: (postures,) weights of the postures; 1 unless robust.
+        settled: whether the iteration converged.
+    """
+
+    x: Array
+    covariance: Array
+    information: Array
+    null: Array
+    weak: Array
+    residuals: Array
+    noise: Array
+    misfit: float
+    widening: float
+    weights: Array
+    settled: bool
+
+
+class _Solved(NamedTuple):
+    at: Point
+    white: Whitened
+    settled: bool
+
+
+def fit(problem: Problem) -> Fit:
+    """Return the estimate. O(steps postures rows^2 (p + n)).
+
+    Raises:
+        StateError: the gaps overflow.
+    """
+    prior = np.diag(problem.known)
+    weights, variances = np.ones(len(problem.q)), problem.first_variances()
+    found = _Solved(problem.start(np.zeros(len(prior))), *([None] * 2))  # type: ignore[arg-type]
+    null, widening, settled = None, 1.0, False
+    for _ in range(MOST_ROUNDS):
+        found = solved(problem, found.at, variances, weights, null)
+        if problem.noise is None and len(weights) >= FEWEST_IN_ORDER:
+            widening = autocorrelation_of(found.white.left, 1).widening
+        now = weak_directions(found.white.information / widening + prior)
+        settled = found.settled and null is not None and same_space(null, now)
+        null = now
+        if problem.noise is None:
+            estimated = _variances(problem, found.white, variances, null)
+            settled = settled and bool((np.abs(np.log(estimated / variances)) < CALM).all())
+            variances = estimated
+        if problem.robust:
+            counted = _huber(problem, found.white, weights)
+            settled = settled and bool((np.abs(counted - weights) < CALM).all())
+            weights = counted
+        if settled:
+            break
+    found = solved(problem, found.at, variances, weights, null)
+    H, kept = found.white.information / widening, complement(null)
+    spread = kept @ np.linalg.inv(kept.T @ (H + prior) @ kept) @ kept.T
+    rank = int(np.rint((found.white.U**2).sum()))
+    freedoms = int(problem.active_rows.sum()) - rank - kept.shape[1] + int(problem.known.sum())
+    squares = float((found.white.left**2).sum() + (problem.known * (found.at.x / problem.sizes) ** 2).sum())
+    return Fit(
+        x=found.at.x,
+        covariance=spread * np.outer(problem.sizes, problem.sizes),
+        information=H,
+        null=null,
+        weak=weak_directions(H),
+        residuals=np.where(problem.active_rows, evaluated(problem, found.at).gaps, np.nan),
+        noise=np.sqrt(variances),
+        misfit=squares / max(freedoms, 1),
+        widening=widening,
+        weights=weights,
+        settled=settled,
+    )
+
+
+def solved(problem: Problem, at: Point, variances: Array, weights: Array, null: Array | None) -> _Solved:
+    """Return the point of least squares with given weights, which keeps the model's values along `null`.
+
+    Gauss-Newton steps are halved until the sum of squares falls. With null=None, every step leaves out the directions
+    that are not determined where it begins.
+    """
+    sizes, known = problem.sizes, problem.known
+    if null is not None:
+        at = replace(at, x=at.x - sizes * (null @ (null.T @ (at.x / sizes))))
+    white = whitened(problem, evaluated(problem, at), variances, weights)
+    for _ in range(MOST_STEPS):
+        g, H = white.gradient + known * at.x / sizes, white.information + np.diag(known)
+        kept = complement(weak_directions(H) if null is None else null)
+        step = -kept @ np.linalg.solve(kept.T @ H @ kept, kept.T @ g)
+        inner = -(white.inverse @ (white.e + white.J @ step)[:, :, None])[:, :, 0]
+        expected = float(-g @ step) + float(((white.e - white.left) ** 2).sum())
+        cost = _cost(problem, at, white)
+        if expected < SETTLED * max(1.0, cost):
+            return _Solved(at, white, True)
+        for halving in range(MOST_HALVINGS):
+            share = 0.5**halving
+            tried = at.moved(problem, share * sizes * step, share * inner)
+            new = whitened(problem, evaluated(problem, tried), variances, weights)
+            if _cost(problem, tried, new) <= cost * (1.0 + 1e-9):
+                break
+        else:
+            return _Solved(at, white, expected < 1e-3 * max(1.0, cost))
+        at, white = tried, new
+    return _Solved(at, white, False)
+
+
+def settled(problem: Problem, x: Array) -> tuple[Point, Gaps]:
+    """Return the point and gaps with given corrections and the poses of free bodies that fit best."""
+    layout = problem.layout
+    frames = [
+        replace(frame, pose=pose, unknowns=(), directions=np.zeros((6, 0)))
+        for frame, (pose, _) in zip(layout.frames, adjusted(layout, x), strict=True)
+    ]
+    fixed = replace(layout, frames=tuple(frames), unknowns=())
+    alone = replace(problem, layout=fixed, sizes=np.zeros(0), known=np.zeros(0))
+    begun = alone.start(np.zeros(0))
+    found = solved(alone, begun, problem.first_variances(), np.ones(len(problem.q)), np.zeros((0, 0)))
+    return replace(found.at, x=x), evaluated(alone, found.at)
+
+
+def _cost(problem: Problem, at: Point, white: Whitened) -> float:
+    return float((white.e**2).sum() + (problem.known * (at.x / problem.sizes) ** 2).sum())
+
+
+def weak_directions(H: Array) -> Array:
+    """Return an orthonormal basis of the directions with eigenvalues below 1, (p, d)."""
+    values, vectors = np.linalg.eigh(H)
+    return vectors[:, (values < 1.0) | (values < ROUNDING * values.max(initial=0.0))]
+
+
+def complement(basis: Array) -> Array:
+    """Return an orthonormal basis of what is orthogonal to another one, (p, p - d)."""
+    return np.linalg.svd(basis, full_matrices=True)[0][:, basis.shape[1] :] if basis.size else np.eye(len(basis))
+
+
+def same_space(a: Array, b: Array) -> bool:
+    """Return whether two orthonormal bases span nearly the same space."""
+    return a.shape == b.shape and bool(np.linalg.norm(b - a @ (a.T @ b)) < SAME_SPACE)
+
+
+def _variances(problem: Problem, white: Whitened, variances: Array, null: Array) -> Array:
+    """Return the variance of every channel: its squared residuals over the share of its noise that they show."""
+    names, channel = problem.channels
+    kept = complement(null)
+    slopes = white.still @ kept
+    spread = np.linalg.inv(kept.T @ (white.information + np.diag(problem.known)) @ kept)
+    shown = problem.active_rows - (white.U**2).sum(axis=2) - np.einsum("kia,ab,kib->ki", slopes, spread, slopes)
+    found = variances.copy()
+    for k in range(len(names)):
+        mine = channel == k
+        count = int(problem.active_rows[:, mine].sum())
+        left = max(float(shown[:, mine].sum()), LEAST_LEFT * count, 1e-3)
+        found[k] = max(variances[k] * float((white.left[:, mine] ** 2).sum()) / left, LEAST_NOISE**2)
+    return found
+
+
+def _huber(problem: Problem, white: Whitened, weights: Array) -> Array:
+    """Return weights of the postures: 1 up to `HUBER` standard deviations, and the inverse of the residual beyond."""
+    freedoms = np.maximum(problem.active_rows.sum(axis=1) - (white.U**2).sum(axis=(1, 2)), 1.0)
+    size = np.sqrt((white.left**2).sum(axis=1) / (np.maximum(weights, 1e-300) * freedoms))
+    return np.minimum(1.0, HUBER / np.maximum(size, 1e-300))
