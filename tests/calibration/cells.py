@@ -119,7 +119,9 @@ def noisy(random: np.random.Generator, chain: hf.ClosedChain, q: Array) -> Array
     return read + JOINTS * random.normal(size=read.shape)
 
 
-def with_truth(random: np.random.Generator, model: hf.ClosedChain, offsets: bool) -> tuple[hf.ClosedChain, dict[str, float]]:
+def with_truth(
+    random: np.random.Generator, model: hf.ClosedChain, offsets: bool
+) -> tuple[hf.ClosedChain, dict[str, float]]:
     """Return a chain with another base and grasp on the right, and the corrections by name, offsets included."""
     x: dict[str, float] = {}
     axes = [f"{what} {axis}" for what in ("turn", "shift") for axis in "xyz"]

@@ -16,7 +16,7 @@ from holdfast.calibration.geometry import adjusted
 from holdfast.calibration.layout import Layout, layout_of
 from holdfast.calibration.noise import ClosureNoise
 from holdfast.calibration.postures import Postures, postures_of
-from holdfast.calibration.problem import Problem
+from holdfast.calibration.problem import Problem, evaluated, whitened
 from holdfast.calibration.words import not_determined
 from holdfast.errors import ModelError, StateError
 from holdfast.identification.base_parameters import parts_kept
@@ -30,6 +30,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 PostureSource = Postures | Recording | ArrayLike | str | PathLike[str]
+FAR = 6.0  # standard deviations by which the model's values fit worse, above which a note is added
 POORLY = 3.0  # mean square of residuals, in units of given noise, above which a note is added
 
 
@@ -233,14 +234,16 @@ def _require_enough(problem: Problem) -> None:
     for k in np.flatnonzero(np.isnan(problem.q).any(axis=0)).tolist():
         if k not in problem.position_of_freedom.tolist():
             raise StateError(f"calibrate: postures: q[:, {k}]: expected numbers for a spherical joint, got NaN")
-    free = sum(body.joint is None for body in problem.layout.bodies)
-    rows = problem.active_rows.sum(axis=1)
+    rows = problem.active_rows
     if not rows.any():
         raise StateError("calibrate: postures: expected at least one in which a closure holds, got none")
-    if (rows > 0).all() and (rows <= 6 * free).all() and free:
+    at = problem.start(np.zeros(len(problem.sizes)))
+    white = whitened(problem, evaluated(problem, at), problem.first_variances(), np.ones(len(rows)))
+    if (white.U**2).sum() > rows.sum() - 0.5:
         raise StateError(
-            f"calibrate: postures: expected more closed directions than the {6 * free} of the free bodies, got"
-            f" {rows.max()}; try a second grasp, or measurements"
+            "calibrate: postures: expected more closed directions than those by which the objects, floating bases and"
+            f" unmeasured joints are found, got {rows.sum(axis=1).max()} in a posture; try a second grasp, or"
+            " measurements"
         )
 
 
@@ -305,6 +308,11 @@ def _notes(problem: Problem, found: Fit) -> list[str]:
         notes.append(
             f"residuals of successive postures depend on each other: deviations are increased"
             f" {np.sqrt(found.widening):.2g} times"
+        )
+    if found.contradicted > FAR:
+        notes.append(
+            "along what is not determined, the model's values fit worse than others, by"
+            f" {found.contradicted:.2g} standard deviations: try a better guess, or a larger largest_deviation="
         )
     if not found.settled:
         notes.append("the iteration did not converge: values are rough; try a better guess, a prior, or noise=")

@@ -19,7 +19,8 @@ from holdfast.identification.estimate import autocorrelation_of
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
-MOST_STEPS, MOST_HALVINGS, MOST_ROUNDS = 50, 12, 15
+MOST_STEPS, MOST_HALVINGS, MOST_ROUNDS, MOST_NULLS = 50, 12, 15, 4
+WIDE = 100.0  # sizes, the standard deviation of a free fit's unknowns: 1 rad, 1 m
 SETTLED = 1e-9  # decrease of the sum of squares, in variances, that ends the iteration
 LEAST_NOISE = 1e-9  # [rad or m] of estimated noise
 LEAST_LEFT = 0.02  # share of a channel's noise that its residuals must show
@@ -44,6 +45,7 @@ class Fit(Frozen):
         misfit: mean square of whitened residuals.
         widening: by which the covariance was multiplied because neighbouring residuals depend on each other.
         weights: (postures,) weights of the postures; 1 unless robust.
+        contradicted: standard deviations by which the model's values along `null` fit worse than others.
         settled: whether the iteration converged.
     """
 
@@ -57,6 +59,7 @@ class Fit(Frozen):
     misfit: float
     widening: float
     weights: Array
+    contradicted: float
     settled: bool
 
 
@@ -69,36 +72,43 @@ class _Solved(NamedTuple):
 def fit(problem: Problem) -> Fit:
     """Return the estimate. O(steps postures rows^2 (p + n)).
 
+    The free fit settles noise and weights; the estimate then keeps the model's values along what it leaves open.
+
     Raises:
         StateError: the gaps overflow.
     """
-    prior = np.diag(problem.known)
+    p = len(problem.sizes)
+    prior, wide = np.diag(problem.known), problem.known + (1.0 - problem.known) / WIDE**2
     weights, variances = np.ones(len(problem.q)), problem.first_variances()
-    found = _Solved(problem.start(np.zeros(len(prior))), *([None] * 2))  # type: ignore[arg-type]
-    null, widening, settled = None, 1.0, False
+    at, nothing, widening, settled = problem.start(np.zeros(p)), np.zeros((p, 0)), 1.0, False
     for _ in range(MOST_ROUNDS):
-        found = solved(problem, found.at, variances, weights, null)
-        if problem.noise is None and len(weights) >= FEWEST_IN_ORDER:
-            widening = autocorrelation_of(found.white.left, 1).widening
-        now = weak_directions(found.white.information / widening + prior)
-        settled = found.settled and null is not None and same_space(null, now)
-        null = now
+        free = solved(problem, at, variances, weights, nothing, wide)
+        at, settled = free.at, free.settled
         if problem.noise is None:
-            estimated = _variances(problem, found.white, variances, null)
+            estimated = _variances(problem, free.white, variances, wide)
             settled = settled and bool((np.abs(np.log(estimated / variances)) < CALM).all())
             variances = estimated
         if problem.robust:
-            counted = _huber(problem, found.white, weights)
+            counted = _huber(problem, free.white, weights)
             settled = settled and bool((np.abs(counted - weights) < CALM).all())
             weights = counted
-        if settled:
+        if settled or (problem.noise is not None and not problem.robust):
             break
-    found = solved(problem, found.at, variances, weights, null)
+    if problem.noise is None and len(weights) >= FEWEST_IN_ORDER:
+        widening = autocorrelation_of(free.white.left, 1).widening
+    found, null = free, weak_directions(free.white.information / widening + prior)
+    for _ in range(MOST_NULLS):
+        found = solved(problem, at, variances, weights, null, problem.known)
+        now = weak_directions(found.white.information / widening + prior)
+        if same_space(null, now):
+            break
+        null = now
     H, kept = found.white.information / widening, complement(null)
     spread = kept @ np.linalg.inv(kept.T @ (H + prior) @ kept) @ kept.T
     rank = int(np.rint((found.white.U**2).sum()))
     freedoms = int(problem.active_rows.sum()) - rank - kept.shape[1] + int(problem.known.sum())
     squares = float((found.white.left**2).sum() + (problem.known * (found.at.x / problem.sizes) ** 2).sum())
+    worse = (squares - float((free.white.left**2).sum())) / widening if null.shape[1] else 0.0
     return Fit(
         x=found.at.x,
         covariance=spread * np.outer(problem.sizes, problem.sizes),
@@ -110,34 +120,34 @@ def fit(problem: Problem) -> Fit:
         misfit=squares / max(freedoms, 1),
         widening=widening,
         weights=weights,
-        settled=settled,
+        contradicted=float(np.sqrt(max(worse, 0.0))),
+        settled=settled and found.settled,
     )
 
 
-def solved(problem: Problem, at: Point, variances: Array, weights: Array, null: Array | None) -> _Solved:
+def solved(problem: Problem, at: Point, variances: Array, weights: Array, null: Array, prior: Array) -> _Solved:
     """Return the point of least squares with given weights, which keeps the model's values along `null`.
 
-    Gauss-Newton steps are halved until the sum of squares falls. With null=None, every step leaves out the directions
-    that are not determined where it begins.
+    Gauss-Newton steps are halved until the sum of squares falls; `prior` (p,) are inverse variances of the unknowns, in
+    sizes.
     """
-    sizes, known = problem.sizes, problem.known
-    if null is not None:
-        at = replace(at, x=at.x - sizes * (null @ (null.T @ (at.x / sizes))))
+    sizes = problem.sizes
+    at = replace(at, x=at.x - sizes * (null @ (null.T @ (at.x / sizes))))
+    kept = complement(null)
     white = whitened(problem, evaluated(problem, at), variances, weights)
     for _ in range(MOST_STEPS):
-        g, H = white.gradient + known * at.x / sizes, white.information + np.diag(known)
-        kept = complement(weak_directions(H) if null is None else null)
+        g, H = white.gradient + prior * at.x / sizes, white.information + np.diag(prior)
         step = -kept @ np.linalg.solve(kept.T @ H @ kept, kept.T @ g)
         inner = -(white.inverse @ (white.e + white.J @ step)[:, :, None])[:, :, 0]
         expected = float(-g @ step) + float(((white.e - white.left) ** 2).sum())
-        cost = _cost(problem, at, white)
+        cost = _cost(at.x / sizes, white, prior)
         if expected < SETTLED * max(1.0, cost):
             return _Solved(at, white, True)
         for halving in range(MOST_HALVINGS):
             share = 0.5**halving
             tried = at.moved(problem, share * sizes * step, share * inner)
             new = whitened(problem, evaluated(problem, tried), variances, weights)
-            if _cost(problem, tried, new) <= cost * (1.0 + 1e-9):
+            if _cost(tried.x / sizes, new, prior) <= cost * (1.0 + 1e-9):
                 break
         else:
             return _Solved(at, white, expected < 1e-3 * max(1.0, cost))
@@ -155,16 +165,18 @@ def settled(problem: Problem, x: Array) -> tuple[Point, Gaps]:
     fixed = replace(layout, frames=tuple(frames), unknowns=())
     alone = replace(problem, layout=fixed, sizes=np.zeros(0), known=np.zeros(0))
     begun = alone.start(np.zeros(0))
-    found = solved(alone, begun, problem.first_variances(), np.ones(len(problem.q)), np.zeros((0, 0)))
+    found = solved(alone, begun, problem.first_variances(), np.ones(len(problem.q)), np.zeros((0, 0)), np.zeros(0))
     return replace(found.at, x=x), evaluated(alone, found.at)
 
 
-def _cost(problem: Problem, at: Point, white: Whitened) -> float:
-    return float((white.e**2).sum() + (problem.known * (at.x / problem.sizes) ** 2).sum())
+def _cost(x: Array, white: Whitened, prior: Array) -> float:
+    return float((white.e**2).sum() + (prior * x**2).sum())
 
 
 def weak_directions(H: Array) -> Array:
     """Return an orthonormal basis of the directions with eigenvalues below 1, (p, d)."""
+    if not H.size:
+        return np.zeros((0, 0))
     values, vectors = np.linalg.eigh(H)
     return vectors[:, (values < 1.0) | (values < ROUNDING * values.max(initial=0.0))]
 
@@ -179,12 +191,10 @@ def same_space(a: Array, b: Array) -> bool:
     return a.shape == b.shape and bool(np.linalg.norm(b - a @ (a.T @ b)) < SAME_SPACE)
 
 
-def _variances(problem: Problem, white: Whitened, variances: Array, null: Array) -> Array:
+def _variances(problem: Problem, white: Whitened, variances: Array, prior: Array) -> Array:
     """Return the variance of every channel: its squared residuals over the share of its noise that they show."""
     names, channel = problem.channels
-    kept = complement(null)
-    slopes = white.still @ kept
-    spread = np.linalg.inv(kept.T @ (white.information + np.diag(problem.known)) @ kept)
+    slopes, spread = white.still, np.linalg.inv(white.information + np.diag(prior))
     shown = problem.active_rows - (white.U**2).sum(axis=2) - np.einsum("kia,ab,kib->ki", slopes, spread, slopes)
     found = variances.copy()
     for k in range(len(names)):

@@ -149,7 +149,8 @@ class Whitened:
     @property
     def information(self) -> Array:
         """H (p, p), in sizes."""
-        flat = self.still.reshape(-1, self.still.shape[2])
+        count, rows, p = self.still.shape
+        flat = self.still.reshape(count * rows, p)
         return flat.T @ flat
 
     @property
