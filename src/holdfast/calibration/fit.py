@@ -21,7 +21,7 @@ from holdfast.spatial.scalar import Array
 
 MOST_STEPS, MOST_HALVINGS, MOST_ROUNDS, MOST_NULLS = 50, 12, 15, 4
 WIDE = 100.0  # sizes, the standard deviation of a free fit's unknowns: 1 rad, 1 m
-SETTLED = 1e-9  # decrease of the sum of squares, in variances, that ends the iteration
+SETTLED = 1e-7  # decrease of the sum of squares, in variances, that ends the iteration
 LEAST_NOISE = 1e-9  # [rad or m] of estimated noise
 LEAST_LEFT = 0.02  # share of a channel's noise that its residuals must show
 HUBER = 1.345  # standard deviations above which a posture counts less, with robust=True
@@ -80,19 +80,19 @@ def fit(problem: Problem) -> Fit:
     p = len(problem.sizes)
     prior, wide = np.diag(problem.known), problem.known + (1.0 - problem.known) / WIDE**2
     weights, variances = np.ones(len(problem.q)), problem.first_variances()
-    at, nothing, widening, settled = problem.start(np.zeros(p)), np.zeros((p, 0)), 1.0, False
+    at, nothing, widening, calm = problem.start(np.zeros(p)), np.zeros((p, 0)), 1.0, False
     for _ in range(MOST_ROUNDS):
         free = solved(problem, at, variances, weights, nothing, wide)
-        at, settled = free.at, free.settled
+        at, calm = free.at, True
         if problem.noise is None:
             estimated = _variances(problem, free.white, variances, wide)
-            settled = settled and bool((np.abs(np.log(estimated / variances)) < CALM).all())
+            calm = calm and bool((np.abs(np.log(estimated / variances)) < CALM).all())
             variances = estimated
         if problem.robust:
             counted = _huber(problem, free.white, weights)
-            settled = settled and bool((np.abs(counted - weights) < CALM).all())
+            calm = calm and bool((np.abs(counted - weights) < CALM).all())
             weights = counted
-        if settled or (problem.noise is not None and not problem.robust):
+        if calm:
             break
     if problem.noise is None and len(weights) >= FEWEST_IN_ORDER:
         widening = autocorrelation_of(free.white.left, 1).widening
@@ -121,7 +121,7 @@ def fit(problem: Problem) -> Fit:
         widening=widening,
         weights=weights,
         contradicted=float(np.sqrt(max(worse, 0.0))),
-        settled=settled and found.settled,
+        settled=calm and found.settled,
     )
 
 
