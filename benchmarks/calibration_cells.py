@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 from scipy.stats import beta, chi2
-from tests.calibration.cells import JOINTS, SHIFT, TURN, cell, distance, share_found, sought
+from tests.calibration.cells import JOINTS, SHIFT, TURN, Cell, cell, distance, share_found, sought
 from tests.calibration.planted import CASES
 
 import holdfast as hf
@@ -20,10 +20,10 @@ NOISE = ClosureNoise(TURN, SHIFT, JOINTS)
 LEVEL = 0.9
 
 
-def inside(one: object, found: hf.calibration.Calibration) -> bool:
+def inside(one: Cell, found: hf.calibration.Calibration) -> bool:
     """Return whether the truth is in the 90 % region."""
-    squared, dimensions = distance(one, found)  # type: ignore[arg-type]
-    return squared < chi2.ppf(LEVEL, dimensions)
+    squared, dimensions = distance(one, found)
+    return bool(squared < chi2.ppf(LEVEL, dimensions))
 
 
 def share(hits: list[bool]) -> str:

@@ -65,7 +65,7 @@ def tips(arm: hf.Arm, q: Array) -> tuple[Array, Array, Array]:
 
 def reached(arm: hf.Arm, start: Array, R: Array, p: Array) -> tuple[Array, Array]:
     """Return joint positions (k, N) with the tip at poses, by Newton's method, and which of them converged."""
-    q = np.array(start)
+    q, gap = np.array(start), np.full((len(start), 6), np.inf)
     for _ in range(15):
         at, here, J = tips(arm, q)
         turn = Rotation.from_matrix(R @ np.swapaxes(at, 1, 2)).as_rotvec()

@@ -301,8 +301,8 @@ def _notes(problem: Problem, found: Fit) -> list[str]:
     notes = []
     if problem.noise is not None and found.misfit > POORLY:
         notes.append(
-            f"residuals are {np.sqrt(found.misfit):.2g} times the given noise: the unknowns do not explain the postures,"
-            " or the noise is larger, and deviations are too small; try noise=None, or seek more"
+            f"residuals are {np.sqrt(found.misfit):.2g} times the given noise: the unknowns do not explain the"
+            " postures, or the noise is larger, and deviations are too small; try noise=None, or seek more"
         )
     if found.widening > 1.05:
         notes.append(

@@ -15,6 +15,7 @@ import numpy as np
 
 from holdfast.calibration.geometry import Gaps, adjusted
 from holdfast.calibration.problem import ROUNDING, Point, Problem, Whitened, evaluated, whitened
+from holdfast.errors import StateError
 from holdfast.identification.estimate import autocorrelation_of
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
@@ -23,7 +24,7 @@ MOST_STEPS, MOST_HALVINGS, MOST_ROUNDS, MOST_NULLS = 50, 12, 15, 4
 WIDE = 100.0  # sizes, the standard deviation of a free fit's unknowns: 1 rad, 1 m
 SETTLED = 1e-7  # decrease of the sum of squares, in variances, that ends the iteration
 LEAST_NOISE = 1e-9  # [rad or m] of estimated noise
-LEAST_LEFT = 0.02  # share of a channel's noise that its residuals must show
+LEAST_LEFT = 0.1  # share of a channel's rows that must be left to show its noise
 HUBER = 1.345  # standard deviations above which a posture counts less, with robust=True
 SAME_SPACE = 1e-2  # sine of the angle between subspaces that count as one
 CALM = 0.02  # relative change of variances and weights that ends the rounds
@@ -75,14 +76,14 @@ def fit(problem: Problem) -> Fit:
     The free fit settles noise and weights; the estimate then keeps the model's values along what it leaves open.
 
     Raises:
-        StateError: the gaps overflow.
+        StateError: the gaps overflow, or too few rows are left to show the noise.
     """
     p = len(problem.sizes)
     prior, wide = np.diag(problem.known), problem.known + (1.0 - problem.known) / WIDE**2
     weights, variances = np.ones(len(problem.q)), problem.first_variances()
     at, nothing, widening, calm = problem.start(np.zeros(p)), np.zeros((p, 0)), 1.0, False
+    free = solved(problem, at, variances, weights, nothing, wide)
     for _ in range(MOST_ROUNDS):
-        free = solved(problem, at, variances, weights, nothing, wide)
         at, calm = free.at, True
         if problem.noise is None:
             estimated = _variances(problem, free.white, variances, wide)
@@ -94,6 +95,7 @@ def fit(problem: Problem) -> Fit:
             weights = counted
         if calm:
             break
+        free = solved(problem, at, variances, weights, nothing, wide)
     if problem.noise is None and len(weights) >= FEWEST_IN_ORDER:
         widening = autocorrelation_of(free.white.left, 1).widening
     found, null = free, weak_directions(free.white.information / widening + prior)
@@ -108,7 +110,8 @@ def fit(problem: Problem) -> Fit:
     rank = int(np.rint((found.white.U**2).sum()))
     freedoms = int(problem.active_rows.sum()) - rank - kept.shape[1] + int(problem.known.sum())
     squares = float((found.white.left**2).sum() + (problem.known * (found.at.x / problem.sizes) ** 2).sum())
-    worse = (squares - float((free.white.left**2).sum())) / widening if null.shape[1] else 0.0
+    best = float((free.white.left**2).sum() + (problem.known * (free.at.x / problem.sizes) ** 2).sum())
+    worse = (squares - best) / widening if null.shape[1] else 0.0
     return Fit(
         x=found.at.x,
         covariance=spread * np.outer(problem.sizes, problem.sizes),
@@ -200,7 +203,12 @@ def _variances(problem: Problem, white: Whitened, variances: Array, prior: Array
     for k in range(len(names)):
         mine = channel == k
         count = int(problem.active_rows[:, mine].sum())
-        left = max(float(shown[:, mine].sum()), LEAST_LEFT * count, 1e-3)
+        left = float(shown[:, mine].sum())
+        if left < LEAST_LEFT * count:
+            raise StateError(
+                f"calibrate: noise: expected postures that show it, but the unknowns explain all but {left:.2g} of"
+                f" {count} rows of {names[k]}; try noise=ClosureNoise(...), a prior, fewer unknowns or more postures"
+            )
         found[k] = max(variances[k] * float((white.left[:, mine] ** 2).sum()) / left, LEAST_NOISE**2)
     return found
 

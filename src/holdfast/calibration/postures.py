@@ -64,7 +64,7 @@ class Measurement(Frozen):
     @property
     def seen(self) -> Array:
         """(postures,) whether the frame was seen."""
-        return np.isfinite(self.poses).all(axis=1)
+        return np.asarray(np.isfinite(self.poses).all(axis=1))
 
     @property
     def targets(self) -> tuple[Array, Array]:
