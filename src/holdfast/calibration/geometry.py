@@ -75,8 +75,12 @@ def adjusted(layout: Layout, x: Array) -> list[tuple[Pose, Array]]:
     """Return every frame with corrections x, and its twists per unknown, (6, d) [turn; shift] along its axes."""
     found = []
     for frame in layout.frames:
-        w, t = np.split(frame.directions @ x[list(frame.unknowns)], 2)
-        turn, (angular, linear) = rotation.exp(w), np.split(frame.directions, 2)
+        if not frame.unknowns:
+            found.append((frame.pose, frame.directions))
+            continue
+        step = frame.directions @ x[list(frame.unknowns)]
+        w, t, angular, linear = step[:3], step[3:], frame.directions[:3], frame.directions[3:]
+        turn = rotation.exp(w)
         if frame.own_axes:
             pose = Pose.unchecked(frame.pose.R @ turn, frame.pose.p + frame.pose.R @ t)
         else:
@@ -160,7 +164,9 @@ def gaps(layout: Layout, x: Array, q: Array, free: dict[int, Poses]) -> Gaps:
 
 def about_world(angular: Array, linear: Array, origin: Array) -> Array:
     """Return spatial twists (postures, 6, columns) about the world's origin from those about points (postures, 3)."""
-    shifted = linear - np.cross(angular, origin[:, :, None], axisa=1, axisb=1, axisc=1)
+    x, y, z = origin[:, 0, None], origin[:, 1, None], origin[:, 2, None]
+    a, b, c = angular[:, 0], angular[:, 1], angular[:, 2]
+    shifted = linear - np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)  # v - omega x origin
     return np.concatenate([np.broadcast_to(angular, shifted.shape), shifted], axis=1)
 
 
