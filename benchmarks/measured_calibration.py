@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import holdfast as hf
-from holdfast.calibration import Measurement, Postures
+from holdfast.calibration import FrameMeasurement, Postures
 from holdfast.robots import ur5e
 
 TOOL, SHIFTED = [0.0, 0.0, 0.16], [0.0, -0.057, -0.10]  # guesses: tool on the flange, marker offset in base axes [m]
@@ -55,7 +55,7 @@ def tools(name: str, run: dict[str, Any]) -> dict[str, hf.Pose]:
     for side in "LR":
         chain = hf.ClosedChain({"arm": ur5e(hf.Pose.from_rpy(0, 0, np.pi))}, hf.HeldObject.box(1, 1, 1, 1), {})
         poses = tool_poses(run, side)
-        seen = Measurement("arm", poses[:, 4:], hf.Pose.translation(*TOOL), hf.Pose.translation(*SHIFTED))
+        seen = FrameMeasurement("arm", poses[:, 4:], hf.Pose.translation(*TOOL), hf.Pose.translation(*SHIFTED))
         first, second = (
             hf.calibrate(chain, Postures(joints(run, side), measured={"tool": seen}).part(part), ["markers", "sensors"])
             for part in (slice(None), slice(None, len(poses) // 2))

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import holdfast as hf
-from holdfast.calibration import ClosureNoise, Measurement, Postures, next_postures
+from holdfast.calibration import ClosureNoise, FrameMeasurement, Postures, next_postures
 from holdfast.calibration.geometry import gaps
-from holdfast.calibration.problem import Point
+from holdfast.calibration.problem import FitPoint
 from holdfast.dynamics import link_poses, tip_pose
 from holdfast.errors import HoldfastError, ModelError, StateError
 from tests.calibration.cells import JOINTS, SHIFT, TURN, cell, distance, moved, share_found, sought
@@ -27,7 +27,7 @@ NOISE = ClosureNoise(TURN, SHIFT, JOINTS)
 def test_derivatives_are_those_of_central_differences() -> None:
     one = cell(3, count=3)
     seek = ["bases:left", "bases:right", "grasps", "tips", "offsets", "geometry:left", "markers", "sensors"]
-    seen = Measurement("left/link2", np.tile([1.0, 0, 0, 0, 0.3, 0.2, 0.1], (3, 1)))
+    seen = FrameMeasurement("left/link2", np.tile([1.0, 0, 0, 0, 0.3, 0.2, 0.1], (3, 1)))
     arms = {
         name: arm.of(links=[replace(link, name=f"link{k + 1}") for k, link in enumerate(arm.links)])
         for name, arm in one.model.arms.items()
@@ -41,7 +41,7 @@ def test_derivatives_are_those_of_central_differences() -> None:
     here = gaps(problem.layout, at.x, at.q, at.free)
 
     def shifted(dx: Any, dq: Any, dy: Any) -> Any:
-        to = Point(at.x, at.q + dq, at.free).moved(problem, dx, dy)
+        to = FitPoint(at.x, at.q + dq, at.free).moved(problem, dx, dy)
         return gaps(problem.layout, to.x, to.q, to.free).gaps
 
     still, zero = np.zeros(len(x)), np.zeros((3, 6))
@@ -156,7 +156,7 @@ def test_markers_and_sensors_are_found_from_poses_or_positions(posed: bool) -> N
     )
     poses = measured(one.model, one.q, marker, sensor)
     guess = {"marker": hf.Pose.translation(0, 0, 0.1), "sensor": hf.Pose.translation(1, 0, 0)}
-    seen = Measurement("left", poses if posed else poses[:, 4:], **guess)
+    seen = FrameMeasurement("left", poses if posed else poses[:, 4:], **guess)
     free = replace(one.model, grasps={})
     found = hf.calibrate(
         free, Postures(one.q, measured={"seen": seen}), ["markers", "sensors"], noise=ClosureNoise(1e-4, 1e-5)
@@ -273,7 +273,7 @@ def test_urdf_has_the_calibrated_origins(tmp_path: Any) -> None:
     q = random.uniform(-2, 2, (20, 6))
     offsets = random.normal(scale=0.01, size=6)
     poses = measured(free, q + offsets, hf.Pose.identity(), hf.Pose.identity())
-    seen = Measurement("left", poses)
+    seen = FrameMeasurement("left", poses)
     found = hf.calibrate(free, Postures(q, measured={"seen": seen}), "offsets", noise=ClosureNoise(1e-5, 1e-5))
     assert np.allclose(found.values, offsets, atol=1e-9)
     changed = hf.calibration.write_urdf(found, source, target)

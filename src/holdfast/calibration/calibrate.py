@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike
 from holdfast.calibration.adjusted_chain import adjusted_chain
 from holdfast.calibration.fit import Fit, fit, settled
 from holdfast.calibration.geometry import adjusted
-from holdfast.calibration.layout import Layout, layout_of
+from holdfast.calibration.layout import FrameLayout, layout_of
 from holdfast.calibration.noise import ClosureNoise
 from holdfast.calibration.postures import Postures, postures_of
 from holdfast.calibration.problem import Problem, evaluated, whitened
 from holdfast.calibration.words import not_determined
 from holdfast.errors import ModelError, StateError
 from holdfast.identification.base_parameters import parts_kept
+from holdfast.identification.notes import POORLY
 from holdfast.identification.recording import Recording
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -30,8 +31,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 PostureSource = Postures | Recording | ArrayLike | str | PathLike[str]
-FAR = 6.0  # standard deviations by which the model's values fit worse, above which a note is added
-POORLY = 3.0  # mean square of residuals, in units of given noise, above which a note is added
+CONTRADICTED = 6.0  # standard deviations by which the model's values fit worse, above which a note is added
 
 
 @called
@@ -207,7 +207,7 @@ def problem_of(like: Problem, postures: Postures) -> Problem:
     return replace(like, layout=replace(like.layout, meetings=tuple(meetings)), q=postures.q, active=active)
 
 
-def _sizes(layout: Layout, prior: Any, largest: float) -> tuple[Array, Array]:
+def _sizes(layout: FrameLayout, prior: Any, largest: float) -> tuple[Array, Array]:
     """Return the sizes of the unknowns, and 1 for those with a prior.
 
     Raises:
@@ -283,7 +283,7 @@ def _of(poses: Mapping[str, Pose], kind: str) -> dict[str, Pose]:
     return {name.removeprefix(kind): pose for name, pose in poses.items() if name.startswith(kind)}
 
 
-def _rms(layout: Layout, gaps: Array) -> dict[Any, tuple[float, float]]:
+def _rms(layout: FrameLayout, gaps: Array) -> dict[Any, tuple[float, float]]:
     """Return root mean squares of the lengths of the angles and of the shifts of every meeting."""
     found, start = {}, 0
     for meeting in layout.meetings:
@@ -309,7 +309,7 @@ def _notes(problem: Problem, found: Fit) -> list[str]:
             f"residuals of successive postures depend on each other: deviations are increased"
             f" {np.sqrt(found.widening):.2g} times"
         )
-    if found.contradicted > FAR:
+    if found.contradicted > CONTRADICTED:
         notes.append(
             "along what is not determined, the model's values fit worse than others, by"
             f" {found.contradicted:.2g} standard deviations: try a better guess, or a larger largest_deviation="

@@ -13,18 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.calibration.geometry import Gaps, adjusted
-from holdfast.calibration.problem import ROUNDING, Point, Problem, Whitened, evaluated, whitened
+from holdfast.calibration.geometry import OpenGaps, adjusted
+from holdfast.calibration.problem import RELATIVE_ROUNDING, FitPoint, Problem, Whitened, evaluated, whitened
 from holdfast.errors import StateError
 from holdfast.identification.estimate import autocorrelation_of
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
-MOST_STEPS, MOST_HALVINGS, MOST_ROUNDS, MOST_NULLS = 50, 12, 15, 4
+MOST_GAUSS_NEWTON, MOST_SHORTENINGS, MOST_WEIGHINGS, MOST_NULLS = 50, 12, 15, 4
 WIDE = 100.0  # sizes, the standard deviation of a free fit's unknowns: 1 rad, 1 m
-SETTLED = 1e-7  # decrease of the sum of squares, in variances, that ends the iteration
-LEAST_NOISE = 1e-9  # [rad or m] of estimated noise
-LEAST_LEFT = 0.1  # share of a channel's rows that must be left to show its noise
+LEAST_DECREASE = 1e-7  # decrease of the sum of squares, in variances, that ends the iteration
+LEAST_DEVIATION = 1e-9  # [rad or m] of estimated noise
+LEAST_SHOWN = 0.1  # share of a channel's rows that must be left to show its noise
 HUBER = 1.345  # standard deviations above which a posture counts less, with robust=True
 SAME_SPACE = 1e-2  # sine of the angle between subspaces that count as one
 CALM = 0.02  # relative change of variances and weights that ends the rounds
@@ -65,7 +65,7 @@ class Fit(Frozen):
 
 
 class _Solved(NamedTuple):
-    at: Point
+    at: FitPoint
     white: Whitened
     settled: bool
 
@@ -83,7 +83,7 @@ def fit(problem: Problem) -> Fit:
     weights, variances = np.ones(len(problem.q)), problem.first_variances()
     at, nothing, widening, calm = problem.start(np.zeros(p)), np.zeros((p, 0)), 1.0, False
     free = solved(problem, at, variances, weights, nothing, wide)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_WEIGHINGS):
         at, calm = free.at, True
         if problem.noise is None:
             estimated = _variances(problem, free.white, variances, wide)
@@ -128,7 +128,7 @@ def fit(problem: Problem) -> Fit:
     )
 
 
-def solved(problem: Problem, at: Point, variances: Array, weights: Array, null: Array, prior: Array) -> _Solved:
+def solved(problem: Problem, at: FitPoint, variances: Array, weights: Array, null: Array, prior: Array) -> _Solved:
     """Return the point of least squares with given weights, which keeps the model's values along `null`.
 
     Gauss-Newton steps are halved until the sum of squares falls; `prior` (p,) are inverse variances of the unknowns, in
@@ -138,15 +138,15 @@ def solved(problem: Problem, at: Point, variances: Array, weights: Array, null: 
     at = replace(at, x=at.x - sizes * (null @ (null.T @ (at.x / sizes))))
     kept = complement(null)
     white = whitened(problem, evaluated(problem, at), variances, weights)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_GAUSS_NEWTON):
         g, H = white.gradient + prior * at.x / sizes, white.information + np.diag(prior)
         step = -kept @ np.linalg.solve(kept.T @ H @ kept, kept.T @ g)
         inner = -(white.inverse @ (white.e + white.J @ step)[:, :, None])[:, :, 0]
         expected = float(-g @ step) + float(((white.e - white.left) ** 2).sum())
         cost = _cost(at.x / sizes, white, prior)
-        if expected < SETTLED * max(1.0, cost):
+        if expected < LEAST_DECREASE * max(1.0, cost):
             return _Solved(at, white, True)
-        for halving in range(MOST_HALVINGS):
+        for halving in range(MOST_SHORTENINGS):
             share = 0.5**halving
             tried = at.moved(problem, share * sizes * step, share * inner)
             new = whitened(problem, evaluated(problem, tried), variances, weights)
@@ -158,7 +158,7 @@ def solved(problem: Problem, at: Point, variances: Array, weights: Array, null: 
     return _Solved(at, white, False)
 
 
-def settled(problem: Problem, x: Array) -> tuple[Point, Gaps]:
+def settled(problem: Problem, x: Array) -> tuple[FitPoint, OpenGaps]:
     """Return the point and gaps with given corrections and the poses of free bodies that fit best."""
     layout = problem.layout
     frames = [
@@ -181,7 +181,7 @@ def weak_directions(H: Array) -> Array:
     if not H.size:
         return np.zeros((0, 0))
     values, vectors = np.linalg.eigh(H)
-    return vectors[:, (values < 1.0) | (values < ROUNDING * values.max(initial=0.0))]
+    return vectors[:, (values < 1.0) | (values < RELATIVE_ROUNDING * values.max(initial=0.0))]
 
 
 def complement(basis: Array) -> Array:
@@ -204,12 +204,12 @@ def _variances(problem: Problem, white: Whitened, variances: Array, prior: Array
         mine = channel == k
         count = int(problem.active_rows[:, mine].sum())
         left = float(shown[:, mine].sum())
-        if left < LEAST_LEFT * count:
+        if left < LEAST_SHOWN * count:
             raise StateError(
                 f"calibrate: noise: expected postures that show it, but the unknowns explain all but {left:.2g} of"
                 f" {count} rows of {names[k]}; try noise=ClosureNoise(...), a prior, fewer unknowns or more postures"
             )
-        found[k] = max(variances[k] * float((white.left[:, mine] ** 2).sum()) / left, LEAST_NOISE**2)
+        found[k] = max(variances[k] * float((white.left[:, mine] ** 2).sum()) / left, LEAST_DEVIATION**2)
     return found
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.calibration.layout import Layout, Meeting
+from holdfast.calibration.layout import FrameLayout, Meeting
 from holdfast.model.joint import Joint
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
@@ -46,7 +46,7 @@ class Poses(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Gaps:
+class OpenGaps:
     """Gaps, and their derivatives.
 
     Attributes:
@@ -71,7 +71,7 @@ def left_jacobian(w: Array) -> Array:
     return np.eye(3) + (1 - np.cos(angle)) / angle**2 * W + (angle - np.sin(angle)) / angle**3 * W @ W
 
 
-def adjusted(layout: Layout, x: Array) -> list[tuple[Pose, Array]]:
+def adjusted(layout: FrameLayout, x: Array) -> list[tuple[Pose, Array]]:
     """Return every frame with corrections x, and its twists per unknown, (6, d) [turn; shift] along its axes."""
     found = []
     for frame in layout.frames:
@@ -89,7 +89,7 @@ def adjusted(layout: Layout, x: Array) -> list[tuple[Pose, Array]]:
     return found
 
 
-def gaps(layout: Layout, x: Array, q: Array, free: dict[int, Poses]) -> Gaps:
+def gaps(layout: FrameLayout, x: Array, q: Array, free: dict[int, Poses]) -> OpenGaps:
     """Return the gaps of all meetings with corrections x, and their derivatives. O(postures rows (p + n)).
 
     Args:
@@ -159,7 +159,7 @@ def gaps(layout: Layout, x: Array, q: Array, free: dict[int, Poses]) -> Gaps:
             if sign:
                 found[kind][:, start:stop, where[kind, k]] = sign * (slope @ twists)
             start = stop
-    return Gaps(np.concatenate(rows, axis=1), found["frame"], found["joint"], found["free"])
+    return OpenGaps(np.concatenate(rows, axis=1), found["frame"], found["joint"], found["free"])
 
 
 def about_world(angular: Array, linear: Array, origin: Array) -> Array:

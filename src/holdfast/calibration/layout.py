@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.calibration.postures import Measurement
+from holdfast.calibration.postures import FrameMeasurement
 from holdfast.errors import MethodNotApplicable, ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -28,15 +28,16 @@ from holdfast.model.grasp import Grasp
 from holdfast.model.joint import Joint
 from holdfast.model.joint_types import first_across, second_across
 from holdfast.model.trunk import NAME as TRUNK
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 GROUPS = ("bases", "grasps", "loops", "tips", "offsets", "geometry", "markers", "sensors")
-AXES = ("x", "y", "z")
+AXIS_NAMES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False)
-class Unknown:
+class Unknown(Frozen):
     """One number that is sought.
 
     Attributes:
@@ -55,7 +56,7 @@ class Unknown:
 
 
 @dataclass(frozen=True, eq=False)
-class AdjustableFrame:
+class AdjustableFrame(Frozen):
     """A constant pose, and the directions along which it is sought.
 
     Attributes:
@@ -72,7 +73,7 @@ class AdjustableFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedBody:
+class PlacedBody(Frozen):
     """A body of the forest.
 
     Attributes:
@@ -89,7 +90,7 @@ class PlacedBody:
 
 
 @dataclass(frozen=True, eq=False)
-class Meeting:
+class Meeting(Frozen):
     """A grasp, a loop or a measurement: frame a, seen from frame b, is where some directions are closed.
 
     Attributes:
@@ -112,7 +113,7 @@ class Meeting:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class FrameLayout(Frozen):
     """The frames, bodies and meetings of a chain; see the module."""
 
     unknowns: tuple[Unknown, ...]
@@ -153,7 +154,7 @@ class _Frames:
         columns = []
         if self.wanted(group, owner, by_default):
             for k in range(6):
-                turns, axis = k < 3, AXES[k % 3]
+                turns, axis = k < 3, AXIS_NAMES[k % 3]
                 what = f"the turn of the {kind} of '{owner}' about {axis}"
                 if not turns:
                     what = f"the position of the {kind} of '{owner}' along {axis}"
@@ -173,7 +174,7 @@ class _Frames:
             columns.append((one, along))
         if self.wanted("geometry", name):
             for e, spare in ((first_across(a), "u"), (second_across(a), "v")):
-                axis = AXES[int(np.argmax(np.abs(e)))] if np.abs(e).max() > 1.0 - 1e-9 else spare
+                axis = AXIS_NAMES[int(np.argmax(np.abs(e)))] if np.abs(e).max() > 1.0 - 1e-9 else spare
                 for turns in (True, False) if joint.turns else (True,):
                     said = "the turn of the axis of joint" if turns else "the position of the axis of joint"
                     words = f"{said} '{name}' {'about' if turns else 'along'} its {axis}"
@@ -183,7 +184,7 @@ class _Frames:
         return self.add(f"joint {name}", joint.placement, columns, own_axes=True)
 
 
-def layout_of(chain: ClosedChain, measured: Mapping[str, Measurement], seek: Any) -> Layout:
+def layout_of(chain: ClosedChain, measured: Mapping[str, FrameMeasurement], seek: Any) -> FrameLayout:
     """Return the layout of a chain. O(n) + O(l).
 
     Args:
@@ -206,7 +207,7 @@ def layout_of(chain: ClosedChain, measured: Mapping[str, Measurement], seek: Any
         raise ModelError("calibrate: chain: expected a grasp, a loop or a measurement, got none")
     if not found.unknowns:
         raise ModelError(f"calibrate: seek: the chain has nothing in {', '.join(map(repr, found.seek))}")
-    return Layout(tuple(found.unknowns), tuple(found.frames), tuple(bodies), tuple(meetings), found.names)
+    return FrameLayout(tuple(found.unknowns), tuple(found.frames), tuple(bodies), tuple(meetings), found.names)
 
 
 def with_rigid_bushings(chain: ClosedChain) -> ClosedChain:
@@ -297,7 +298,7 @@ def _loop(chain: ClosedChain, owner: str) -> Closure:
     return chain.arms[arm].loops[name] if name and owner not in chain.loops else chain.loops[owner]
 
 
-def _measurements(chain: ClosedChain, measured: Mapping[str, Measurement], found: _Frames) -> Iterator[Meeting]:
+def _measurements(chain: ClosedChain, measured: Mapping[str, FrameMeasurement], found: _Frames) -> Iterator[Meeting]:
     """Yield the measurements."""
     full = 0.5 * np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]])
     for name, one in measured.items():

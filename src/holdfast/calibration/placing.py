@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.calibration.geometry import Poses, adjusted, displacement
-from holdfast.calibration.layout import Layout
+from holdfast.calibration.layout import FrameLayout
 from holdfast.spatial.scalar import Array
 
 
-def placed(layout: Layout, x: Array, q: Array, active: Array) -> dict[int, Poses]:
+def placed(layout: FrameLayout, x: Array, q: Array, active: Array) -> dict[int, Poses]:
     """Return poses of the free bodies with which one closure each is exactly closed, as if it were rigid. O(postures).
 
     Args:

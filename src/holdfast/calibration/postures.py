@@ -24,7 +24,7 @@ from holdfast.spatial.scalar import Array
 
 @called
 @dataclass(frozen=True, eq=False)
-class Measurement(Frozen):
+class FrameMeasurement(Frozen):
     """What a tracker, a camera or a robot's controller saw of a frame, posture by posture.
 
     The measured pose is that of a marker on the frame in the axes of the sensor:
@@ -90,7 +90,7 @@ class Postures(Frozen):
 
     q: ArrayField = REQUIRED
     holds: Mapping[Any, Any] = field(default_factory=dict)
-    measured: Mapping[str, Measurement] = field(default_factory=dict)
+    measured: Mapping[str, FrameMeasurement] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         q = with_gaps(self.q, "postures: q")
@@ -107,7 +107,7 @@ class Postures(Frozen):
                 )
             holds[name] = flags.copy()
         for name, one in self.measured.items():
-            checks.instance(one, Measurement, f"postures: measured: {name!r}", StateError)
+            checks.instance(one, FrameMeasurement, f"postures: measured: {name!r}", StateError)
             if len(one.poses) != len(q):
                 raise StateError(
                     f"postures: measured: {name!r}: expected {len(q)} rows, as q has, got {len(one.poses)}"
@@ -122,7 +122,7 @@ class Postures(Frozen):
     def part(self, chosen: Any) -> Postures:
         """Return some of the postures, by a mask, a slice or indices."""
         measured = {
-            name: Measurement(one.frame, one.poses[chosen], one.marker, one.sensor)
+            name: FrameMeasurement(one.frame, one.poses[chosen], one.marker, one.sensor)
             for name, one in self.measured.items()
         }
         return Postures(self.q[chosen], {name: x[chosen] for name, x in self.holds.items()}, measured)

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.calibration.geometry import Gaps, Poses, gaps
-from holdfast.calibration.layout import Layout
+from holdfast.calibration.geometry import OpenGaps, Poses, gaps
+from holdfast.calibration.layout import FrameLayout
 from holdfast.calibration.noise import ClosureNoise
 from holdfast.calibration.placing import placed
 from holdfast.errors import StateError
@@ -26,7 +26,7 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
 FIRST_NOISE = 1e-3  # [rad or m] before it is estimated
-ROUNDING = 1e-11  # singular values below this, relative to the largest one, are rounding
+RELATIVE_ROUNDING = 1e-11  # singular values below this, relative to the largest one, are rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Problem(Frozen):
         robust: whether postures that fit badly count less.
     """
 
-    layout: Layout
+    layout: FrameLayout
     q: Array
     active: Array
     noise: ClosureNoise | None
@@ -98,21 +98,21 @@ class Problem(Frozen):
             return np.full(len(names), FIRST_NOISE**2)
         return np.array([(self.noise.turn if name.endswith("turn") else self.noise.shift) ** 2 for name in names])
 
-    def start(self, x: Array) -> Point:
+    def start(self, x: Array) -> FitPoint:
         """Return where the iteration begins: joints that were not measured at 0, free bodies where closures hold."""
         q = np.where(np.isnan(self.q), 0.0, self.q)
-        return Point(x, q, placed(self.layout, x, q, self.active))
+        return FitPoint(x, q, placed(self.layout, x, q, self.active))
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class FitPoint:
     """Corrections (p,), joint positions (postures, n_q) and the poses of the free bodies."""
 
     x: Array
     q: Array
     free: dict[int, Poses]
 
-    def moved(self, problem: Problem, dx: Array, dy: Array) -> Point:
+    def moved(self, problem: Problem, dx: Array, dy: Array) -> FitPoint:
         """Return the point after a step of the unknowns and, (postures, y), of free bodies and unmeasured joints."""
         free, q = {}, self.q.copy()
         for k, (body, pose) in enumerate(self.free.items()):
@@ -121,7 +121,7 @@ class Point:
             free[body] = Poses(R, pose.p + shift)
         for k, freedom in enumerate(np.flatnonzero(problem.unmeasured.any(axis=0)).tolist()):
             q[:, problem.position_of_freedom[freedom]] += dy[:, 6 * len(free) + k]
-        return Point(self.x + dx, q, free)
+        return FitPoint(self.x + dx, q, free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ class Whitened:
         return np.einsum("kip,ki->p", self.still, self.left)
 
 
-def evaluated(problem: Problem, at: Point) -> Gaps:
+def evaluated(problem: Problem, at: FitPoint) -> OpenGaps:
     """Return the gaps at a point.
 
     Raises:
@@ -173,7 +173,7 @@ def evaluated(problem: Problem, at: Point) -> Gaps:
     return found
 
 
-def whitened(problem: Problem, here: Gaps, variances: Array, weights: Array) -> Whitened:
+def whitened(problem: Problem, here: OpenGaps, variances: Array, weights: Array) -> Whitened:
     """Return the rows in standard deviations, also without what y moves; rows that do not count are zero.
 
     Args:
@@ -199,7 +199,7 @@ def whitened(problem: Problem, here: Gaps, variances: Array, weights: Array) -> 
     stacked = scale * np.linalg.solve(L, np.where(used[:, :, None], stacked, 0.0))
     e, J, N = stacked[:, :, 0], stacked[:, :, 1 : 1 + p], stacked[:, :, 1 + p :]
     U, s, V = np.linalg.svd(N, full_matrices=False)
-    told = s > ROUNDING * np.maximum(s.max(axis=1, keepdims=True, initial=0.0), 1e-300)
+    told = s > RELATIVE_ROUNDING * np.maximum(s.max(axis=1, keepdims=True, initial=0.0), 1e-300)
     U = U * told[:, None, :]
     across = np.swapaxes(U, 1, 2)
     inverse = np.swapaxes(V, 1, 2) @ (np.where(told, 1.0 / np.where(told, s, 1.0), 0.0)[:, :, None] * across)
