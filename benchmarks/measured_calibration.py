@@ -105,6 +105,32 @@ def closure(runs: dict[str, dict[str, Any]], settings: dict[str, Any], tool: dic
         print(found)
 
 
+def forces(runs: dict[str, dict[str, Any]]) -> None:
+    """Print the difference of the masses, from an offset and a scale of the summed forces on the first halves.
+
+    What each arm carries is not known, so the two sensors have one scale and the sum of their offsets in common.
+    """
+    rows, halves = {}, {}
+    for name, run in runs.items():
+        k = held(run)
+        k = k[np.argsort(run["t"][k])]
+        rows[name] = np.column_stack([run["force_L_z"][k], run["force_R_z"][k]])
+        halves[name] = len(k) // 2
+    mass = {name: float(name.removeprefix("dual_ur5e_").removesuffix("kg")) for name in runs}
+    summed = {name: rows[name][:, :2].sum(axis=1) for name in runs}
+    first = np.array([summed[name][: halves[name]].mean() for name in runs])
+    weights = np.array([-G * mass[name] for name in runs])
+    scale = np.polyfit(weights, first, 1)[0] if len(runs) > 1 else 1.0
+    for title, s in (("offset and scale", scale), ("offset alone", 1.0)):
+        offset = float(np.mean(first - s * weights))
+        later = {name: (summed[name][halves[name] :] - offset) / (-G * s) for name in runs}
+        said = ", ".join(f"{mass[name]} kg -> {x.mean():.2f} (in a run +- {x.std():.2f})" for name, x in later.items())
+        print(f"second halves by {title} of the first ({offset:+.1f} N, {s:.3f}): {said}")
+        if len(runs) == 2:
+            a, b = runs
+            print(f"  difference {later[b].mean() - later[a].mean():.2f} of {mass[b] - mass[a]:.2f} kg")
+
+
 def main(folder: Path) -> None:
     """Print all tables."""
     runs = {path.stem: table(path) for path in sorted(folder.glob("dual_ur5e_*kg.csv"))}
@@ -115,6 +141,7 @@ def main(folder: Path) -> None:
         tool = tools(name, run)
     settings = json.loads((folder / f"{next(iter(runs))}.json").read_text())
     closure(runs, settings, tool)
+    forces(runs)
 
 
 if __name__ == "__main__":
