@@ -103,6 +103,10 @@ def closure(runs: dict[str, dict[str, Any]], settings: dict[str, Any], tool: dic
         found = hf.calibrate(chain, q[name], held_out=np.vstack(others) if others else None)
         print(f"\n{name}: base and grasp of R from closure alone, {len(q[name])} postures")
         print(found)
+        free = hf.calibrate(chain, q[name], largest_deviation=1.0)
+        turned, placed = (", ".join(f"{x:+.3f}" for x in part) for part in (free.values[:3], free.values[3:6]))
+        left = ", ".join(f"{1e3 * shift:.1f} mm, {1e3 * turn:.0f} mrad" for turn, shift in free.errors.values())
+        print(f"all twelve, whatever the deviation: base turn {turned} rad, shift {placed} m; open {left}")
 
 
 def forces(runs: dict[str, dict[str, Any]]) -> None:

@@ -24,7 +24,7 @@ TABLE, FINGERS = (0.30, 0.28, 1.0), (0.0, 0.0, -0.12)  # guesses, from the sole 
 NOISE = ClosureNoise(turn=3e-3, shift=1e-3)
 FRAMES = ["bases:table", "tips:touch"]
 GEOMETRY = [*FRAMES, "geometry:left", "offsets:left"]
-PRIOR = {"geometry": (8e-3, 4e-3), "offsets": 16e-3}  # [rad, m]
+PRIORS = (1e-3, 2e-3, 4e-3, 8e-3)  # [rad] of turns of axes; half of it of their shifts [m], twice of offsets
 
 
 def standing(urdf: Path) -> hf.ClosedChain:
@@ -58,7 +58,15 @@ def main(urdf: Path | None = None) -> None:
     for title, seek, prior, largest in (
         ("table and fingers", FRAMES, None, 1.0),
         ("and joints, known to 10 mrad, 10 mm", GEOMETRY, None, 0.01),
-        ("and joints, with a prior of 8 mrad, 4 mm", GEOMETRY, PRIOR, 1.0),
+        *(
+            (
+                f"and joints, with a prior of {1e3 * x:g} mrad, {500 * x:g} mm",
+                GEOMETRY,
+                {"geometry": (x, 0.5 * x), "offsets": 2 * x},
+                1.0,
+            )
+            for x in PRIORS
+        ),
     ):
         found = hf.calibrate(chain, train, seek, prior=prior, noise=NOISE, held_out=held, largest_deviation=largest)
         assert found.held_out is not None

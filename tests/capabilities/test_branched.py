@@ -15,12 +15,12 @@ from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
     "ClosedChain", "calibrate", "close", "compile", "control.GravityCompensation", "control.ObjectTracking",
-    "control.clipped", "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.closure", "dynamics.kinetic_energy",
-    "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
-    "dynamics.power", "dynamics.release", "forces.distribute", "forces.grasp_margins", "forces.joint_margins",
-    "forces.least_peak", "forces.lift_margin", "forward_dynamics", "forward_dynamics_jacobian",
-    "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise",
-    "plot.playback_of_run", "plot.save_plots", "project", "simulate",
+    "control.clipped", "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.closure",
+    "dynamics.kinetic_energy", "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate",
+    "dynamics.potential_energy", "dynamics.power", "dynamics.release", "forces.distribute",
+    "forces.grasp_margins", "forces.joint_margins", "forces.least_peak", "forces.lift_margin", "forward_dynamics",
+    "forward_dynamics_jacobian", "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques",
+    "inverse_dynamics", "linearise", "plot.playback_of_run", "plot.save_plots", "project", "simulate",
 }  # fmt: skip
 
 
