@@ -286,8 +286,12 @@ def test_urdf_has_the_calibrated_origins(tmp_path: Any) -> None:
     xyz, rpy = found.urdf_origins()["left/j1"]
     assert np.allclose(Rotation.from_euler("xyz", rpy).as_matrix(), found.chain.arms["left"].joints[1].placement.R)
     assert np.allclose(xyz, found.chain.arms["left"].joints[1].placement.p)
-    with pytest.raises(ModelError, match="expected a URDF file"):
-        hf.calibration.write_urdf(found, tmp_path / "none.urdf", target)
+    for nothing in (tmp_path / "none.urdf", None, b"bytes", "", "a\0b"):
+        with pytest.raises(ModelError, match=r"expected a (URDF file|path)"):
+            hf.calibration.write_urdf(found, nothing, target)
+    for nowhere in (None, 3, "", tmp_path / "no" / "arm.urdf"):
+        with pytest.raises(hf.errors.ResultError):
+            hf.calibration.write_urdf(found, source, nowhere)
 
 
 def test_postures_are_read_from_a_table(tmp_path: Any) -> None:

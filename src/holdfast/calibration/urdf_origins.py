@@ -36,7 +36,7 @@ def write_urdf(found: Calibration, source: str | PathLike[str], target: str | Pa
     path = file_path(source, "write_urdf: source", ModelError)
     try:
         tree = ElementTree.parse(path)
-    except (OSError, ElementTree.ParseError) as cause:
+    except (OSError, ValueError, ElementTree.ParseError) as cause:
         raise ModelError(f"{path}: expected a URDF file; {cause}") from cause
     joints = {joint.get("name"): joint for joint in tree.getroot().iter("joint")}
     changed = []
