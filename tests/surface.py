@@ -4,8 +4,8 @@ from importlib import import_module
 from typing import Any
 
 THEMES = (
-    "assembly", "codegen", "compiled", "control", "dynamics", "forces", "gym", "identification", "interop", "io",
-    "planning", "plot", "robots", "simulation", "sweeps",
+    "assembly", "calibration", "codegen", "compiled", "control", "dynamics", "forces", "gym", "identification",
+    "interop", "io", "planning", "plot", "robots", "simulation", "sweeps",
 )  # fmt: skip
 
 

@@ -51,6 +51,7 @@ MAY_IMPORT = {
     "scenario": FILES_AND_SCENES - {"scenario"},
     "io": USE | {"robots"},
     "identification": DYNAMICS | {"simulation", "io"},
+    "calibration": DYNAMICS | {"identification", "io"},
     "gym": USE | {"robots", "assembly"},
     "sweeps": USE | {"io", "scenario"},
     "codegen": USE | {"io"},

@@ -71,8 +71,12 @@ def examples() -> dict[str, Any]:
     motion = {"qd": np.zeros((4, 14)), "qdd": np.zeros((4, 14)), "object_pose": [state.object_pose] * 4}
     rest = {"object_twist": np.zeros((4, 6)), "object_acceleration": np.zeros((4, 6))}
     recording = hf.identification.Recording(range(4), [state.q] * 4, wrist_wrench=wrists, **motion, **rest)
+    box_seen = hf.calibration.FrameMeasurement("object", [state.object_pose] * 3)
+    closures = hf.calibration.ClosureNoise(1e-3, 1e-3)
     found = [
         *(Y, recording, hf.identify(chain, recording, noise=np.full(6, 0.1))),
+        postures := hf.calibration.Postures([state.q] * 3, {"left": [True] * 3}, {"box": box_seen}),
+        *(box_seen, closures, hf.calibrate(chain, postures, noise=closures)),
         hf.identification.base_parameters(Y.object, [str(k) for k in range(10)]),
         *(arm, arm.links[0], arm.joints[0], chain, chain.held_object, grasp, chain.grasps["right"].contact),
         *(state, hf.Inputs(np.zeros(6)), hf.WrenchLimits(), state.object_frame, hf.Pose(np.eye(3), np.zeros(3))),

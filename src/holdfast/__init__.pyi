@@ -1,6 +1,7 @@
 """holdfast: exact dynamics of several robot arms that jointly grasp one object."""
 
 from . import assembly as assembly
+from . import calibration as calibration
 from . import codegen as codegen
 from . import compiled as compiled
 from . import control as control
@@ -18,6 +19,7 @@ from . import simulation as simulation
 from . import sweeps as sweeps
 from . import view as view
 from .assembly.assemble import assemble as assemble
+from .calibration.calibrate import calibrate as calibrate
 from .compiled.chain import compile as compile
 from .control.controller import ControlLaw as ControlLaw
 from .control.holding_torques import holding_torques as holding_torques

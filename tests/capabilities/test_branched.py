@@ -14,13 +14,13 @@ from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
-    "ClosedChain", "close", "compile", "control.GravityCompensation", "control.ObjectTracking", "control.clipped",
-    "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.closure", "dynamics.kinetic_energy",
-    "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate", "dynamics.potential_energy",
-    "dynamics.power", "dynamics.release", "forces.distribute", "forces.grasp_margins", "forces.joint_margins",
-    "forces.least_peak", "forces.lift_margin", "forward_dynamics", "forward_dynamics_jacobian",
-    "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise",
-    "plot.playback_of_run", "plot.save_plots", "project", "simulate",
+    "ClosedChain", "calibrate", "close", "compile", "control.GravityCompensation", "control.ObjectTracking",
+    "control.clipped", "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.closure",
+    "dynamics.kinetic_energy", "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate",
+    "dynamics.potential_energy", "dynamics.power", "dynamics.release", "forces.distribute",
+    "forces.grasp_margins", "forces.joint_margins", "forces.least_peak", "forces.lift_margin", "forward_dynamics",
+    "forward_dynamics_jacobian", "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques",
+    "inverse_dynamics", "linearise", "plot.playback_of_run", "plot.save_plots", "project", "simulate",
 }  # fmt: skip
 
 
@@ -40,6 +40,11 @@ RESULTS = {
 }  # fmt: skip
 # of arguments with defaults, those that only chains with branches need
 BESIDE = {
+    "calibrate": {
+        "postures": np.tile(two_arms_with_grippers().state.q[:16], (3, 1)),
+        "seek": ["bases:arm2"],
+        "noise": hf.calibration.ClosureNoise(1e-3, 1e-3),
+    },
     "control.ObjectTracking": {"path": hf.control.RestToRest(hf.Pose.identity())},
     "dynamics.attach": {"name": ("arm2", "pad1"), "grasp": hf.Grasp("ball"), "here": True},
     "dynamics.momentum_rate": {"result": hf.forward_dynamics(*two_arms_with_grippers())},

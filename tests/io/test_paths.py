@@ -56,6 +56,7 @@ def readers(folder: Path) -> dict:
         hf.load_result: (folder / "run", {}),
         hf.io.load_record: (record().save(folder / "record"), {}),
         hf.identification.load_recording: (folder / "run.csv", {"chain": chain}),
+        hf.calibration.load_postures: (folder / "run.csv", {"chain": chain}),
         hf.io.load_cases: (EXAMPLES.parent / "tests" / "data" / "cases.json", {}),
         hf.load_scene: (EXAMPLES / "two_pandas.toml", {}),
         hf.load_urdf: (folder / "two.urdf", {"tip": "left_grasp", **torso}),
@@ -93,7 +94,9 @@ def test_none_is_left_out(tmp_path):
         if any("path" in f"{p.name} {p.annotation}".lower() for p in inspect.signature(function).parameters.values())
     }
     of_the_object = {"admittance_law", "follow", "time_path"}  # a motion, not a file
-    assert takes_a_path <= tried | {"project", "identify", *of_the_object, *APART}, takes_a_path
+    assert takes_a_path <= tried | {"project", "identify", "next_postures", "write_urdf", *of_the_object, *APART}, (
+        takes_a_path
+    )
 
 
 APART = {  # what computes for long once it has a path
