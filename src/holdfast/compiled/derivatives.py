@@ -33,9 +33,10 @@ class CompiledDerivatives(Derivatives):
     @property
     def result(self) -> Any:  # type: ignore[override]
         """The answer at the same arguments, such as a `ForwardResult`."""
-        of, question = self.results, self.request.question
+        of = self.results
         if isinstance(of, SolvedResults):
             return of
+        question = self.request.question
         return question.shown(of.chain)({name: of.array(name) for name in question.names_at(of.chain)})
 
     @property
