@@ -58,7 +58,8 @@ class _Compiled(Generic[F]):
         if name in (*QUESTIONS, "export"):
             raise NotCompiledError(
                 f"compile: '{name}': expected forward_dynamics of a forest, or of a chain that is answered as a forest,"
-                " which have no other machine code than its answer and derivatives; try the function of the chain that runs as reference"
+                " which have no machine code but of it and its derivatives; try the function of the chain that runs as"
+                " reference"
             )
         raise unknown_attribute(self, name)
 

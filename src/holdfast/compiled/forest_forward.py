@@ -12,7 +12,7 @@ from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivative_schedule import WITH
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.forest_function import ForestFunction
-from holdfast.compiled.forest_request import NOT_UNIQUE, ForestRequest, require_unique
+from holdfast.compiled.forest_request import OF_CLOSURES, ForestRequest, require_unique
 from holdfast.compiled.forest_terms import CompiledForestResult, CompiledMechanismResult
 from holdfast.compiled.function import Function
 from holdfast.compiled.result import INDETERMINATE
@@ -136,7 +136,7 @@ class ForwardFunction:
         own = {name: x for name, x in self.arrays(*given, **further).items() if x is not None}
         result = self.function(own, None, threads)
         if result.batch is None and result.array("status") == INDETERMINATE:
-            for name in NOT_UNIQUE:
+            for name in OF_CLOSURES:
                 if name in of:
                     require_unique(terms, name)
         shapes = {name: terms.arguments_by[name].shape for name in by}

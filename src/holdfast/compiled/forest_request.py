@@ -18,7 +18,7 @@ from holdfast.errors import StateError
 from holdfast.questions.arrays import Shape
 from holdfast.spatial.scalar import Array
 
-NOT_UNIQUE = ("grasp_wrench", "closure_wrench", "coupling_force")
+OF_CLOSURES = ("grasp_wrench", "closure_wrench", "coupling_force")
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class ForestRequest:
 
     def settle(self, terms: ForestTerms, result: Results) -> None:
         """Refuse derivatives of forces that are not unique; in a batch they become NaN."""
-        choices = [name for name in self.results if name in NOT_UNIQUE]
+        choices = [name for name in self.results if name in OF_CLOSURES]
         low = np.atleast_1d(result.array("status")) == INDETERMINATE
         if not choices or not low.any():
             return
@@ -86,7 +86,7 @@ def require_unique(terms: ForestTerms, name: str) -> None:
     Raises:
         StateError: always.
     """
-    others = ", ".join(name for name in terms.outputs if name not in NOT_UNIQUE)
+    others = ", ".join(name for name in terms.outputs if name not in OF_CLOSURES)
     raise StateError(
         f"{name}: the forces are not unique here, and machine code finds one choice among them, whose derivative means"
         f" nothing; try those of {others}"
