@@ -1,24 +1,27 @@
 """Derivatives of random forests: against dual numbers over equations without any elimination, and what they cost.
 
-    python -m benchmarks.random_forest_derivatives --count 100 [--first 0] [--costs 20]
+    python -m benchmarks.random_forest_derivatives --count 100 [--first 0] [--costs 20] [--compiled 100]
 
 Where forces are unique, all derivatives of accelerations and forces by all arguments are compared. Where they are not,
 rows that follow from others are left out of the dense equations, so that accelerations are compared, by everything that
 does not open closures and along a motion. `--costs` counts the operations of so many gradients beside those of forward
-dynamics, as they stand in the compiler's graph.
+dynamics, as they stand in the compiler's graph. `--compiled` compares gradients and rates of so many forests by machine
+code, of all results along random directions, and its operations and times with those of forward dynamics by it.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from typing import NamedTuple
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from tests.oracles.chain_derivatives import symmetric_basis
 from tests.oracles.forest_derivatives import ForestDerivatives, forest_derivatives
 from tests.systems.random_forests import ForestProblem, random_forest
 
+import holdfast as hf
 from holdfast.compiler.trace import trace
 from holdfast.dynamics.result import Status
 from holdfast.dynamics.tree.forest_derivatives import (
@@ -146,13 +149,104 @@ def costs(p: ForestProblem) -> tuple[int, int]:
     return trace(forward, shapes).operation_count, trace(with_gradient, [*shapes, *bars]).operation_count
 
 
+class Compiled(NamedTuple):
+    """How gradients and rates of one forest by machine code compare.
+
+    Attributes:
+        name: of the forest.
+        unique: whether forces are unique; None if the posture is singular and refused.
+        error: largest difference from dual numbers, relative to the largest entry, at least 1.
+        operations, seconds: those of a gradient by q, qd and tau, with forward dynamics, over those of it alone.
+    """
+
+    name: str
+    unique: bool | None
+    error: float
+    operations: float
+    seconds: float
+
+
+def compiled_outcome(p: ForestProblem, timed: bool = True) -> Compiled:
+    """Return how gradients and rates of a forest by machine code compare; only accelerations if forces are a choice."""
+    forward = hf.compile(p.forest, parameters=["link_wrench"]).forward_dynamics
+    given, random = {"q": p.q, "qd": p.qd, "tau": p.tau, "link_wrench": p.wrenches}, np.random.default_rng(2)
+    try:
+        unique = forward(**given).status is Status.OK
+    except SingularChainError:
+        return Compiled(p.name, None, np.nan, np.nan, np.nan)
+    truth, of = (
+        forest_derivatives(p, FOREST_ARGUMENTS),
+        ("qdd", "closure_wrench", "coupling_force")[: 3 if unique else 1],
+    )
+    by = [name for name in FOREST_ARGUMENTS if not name.endswith("_pose") and (unique or name in KEEP_CLOSED)]
+    shapes = {name: x.shape for name, x in ForestArguments(*p[1:]).values(by).items()}
+    bars = {name: random.normal(size=forward.function.terms.outputs[name]) for name in of}
+    along = {name: random.normal(size=shape) for name, shape in shapes.items()}
+    if "link_inertia" in along:
+        along["link_inertia"] = 0.5 * (along["link_inertia"] + np.swapaxes(along["link_inertia"], 1, 2))
+    found, errors = forward.vjp(**given, by=by, **bars), []
+    for name in by:
+        wanted = sum(bars[one].ravel() @ truth.matrices[one][:, truth.at[name]] for one in of)
+        errors.append(gap(columns(found[name][None], name).ravel(), np.asarray(wanted)))
+    rates = forward.jvp(**given, along=along, of=of)
+    for one in of:
+        wanted = sum(truth.matrices[one][:, truth.at[name]] @ directions_of(along[name], name) for name in by)
+        errors.append(gap(rates[one], np.asarray(wanted)))
+    ways = forward.bind(**given), forward.bind("vjp", of=of, by=POSITIONS_RATES_TORQUES, **given)
+    counts = [way._function.calls.kernel.operation_count for way in ways]
+    times = np.array([[seconds(way.run) for way in ways] for _ in range(15)]) if timed else np.ones((1, 2))
+    return Compiled(p.name, unique, max(errors), counts[1] / counts[0], float(np.median(times[:, 1] / times[:, 0])))
+
+
+def directions_of(x: np.ndarray, by: str) -> np.ndarray:
+    """Return a direction in the oracle's columns: of inertias six for each."""
+    if by != "link_inertia":
+        return x.ravel()
+    basis = symmetric_basis().reshape(6, 9)
+    return np.concatenate([np.linalg.lstsq(basis.T, one.ravel(), rcond=None)[0] for one in x])
+
+
+def seconds(call: Callable[[], Any]) -> float:
+    """Return the time of a call [s]."""
+    start = time.perf_counter()
+    for _ in range(50):
+        call()
+    return (time.perf_counter() - start) / 50
+
+
+def report_compiled(first: int, count: int) -> None:
+    """Print how machine code compares."""
+    found = []
+    for seed in range(first, first + count):
+        found.append(compiled_outcome(random_forest(seed)))
+        if found[-1].error > 1e-9:
+            print(found[-1], flush=True)
+    for unique in (True, False):
+        some = [one for one in found if one.unique is unique]
+        if some:
+            errors = [one.error for one in some]
+            print(
+                f"machine code, forces {'unique' if unique else 'not unique'}: {len(some)} forests, error median"
+                f" {np.median(errors):.0e}, largest {max(errors):.0e}"
+            )
+    known = [one for one in found if one.unique is not None]
+    for what, ratios in {"operations": [x.operations for x in known], "time": [x.seconds for x in known]}.items():
+        print(
+            f"gradient with forward dynamics by machine code, {what}: {min(ratios):.2f} to {max(ratios):.2f}, median"
+            f" {np.median(ratios):.2f} times forward dynamics"
+        )
+
+
 def main() -> None:
     """Print a line for every forest beyond the bars, and a summary."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--costs", type=int, default=0)
+    parser.add_argument("--compiled", type=int, default=0)
     given = parser.parse_args()
+    if given.compiled:
+        report_compiled(given.first, given.compiled)
     found = []
     for seed in range(given.first, given.first + given.count):
         one = outcome(random_forest(seed))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from holdfast.compiled.derivative_schedule import FOUND, Request
-from holdfast.compiled.result import CompiledResult, Results
+from holdfast.compiled.derivative_schedule import FOUND
+from holdfast.compiled.result import Results, SolvedResults
 from holdfast.model import checks
 from holdfast.questions.derivatives import Derivatives
 from holdfast.spatial.scalar import Array
@@ -19,23 +19,24 @@ class CompiledDerivatives(Derivatives):
     by column; other Jacobians are new arrays.
 
     Attributes:
-        request: the derivatives that were requested.
+        request: the derivatives that were requested: a `Request`, or a `ForestRequest`.
         results: the memory that holds them.
     """
 
-    request: Request
+    request: Any
     results: Results
     _views: dict[Any, Array]  # Jacobians of forward dynamics, made when first asked for
 
-    def __init__(self, request: Request, results: Results) -> None:
+    def __init__(self, request: Any, results: Results) -> None:
         self.__dict__.update(request=request, results=results, _views={})
 
     @property
     def result(self) -> Any:  # type: ignore[override]
         """The answer at the same arguments, such as a `ForwardResult`."""
-        of, question = self.results, self.request.question
-        if isinstance(of, CompiledResult):
+        of = self.results
+        if isinstance(of, SolvedResults):
             return of
+        question = self.request.question
         return question.shown(of.chain)({name: of.array(name) for name in question.names_at(of.chain)})
 
     @property
@@ -70,7 +71,7 @@ class CompiledDerivatives(Derivatives):
             of, by = name
             stored = getattr(self, f"{of}.{by}")
             found = self.request.matrix(self.results.chain, of, by, stored)
-            if found.base is not None and isinstance(self.results, CompiledResult):
+            if found.base is not None and isinstance(self.results, SolvedResults):
                 self._views[name] = found
         return found
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.forest import forward_outputs, with_constant_arms, with_constants
 from holdfast.compiled.forest_code import ForestCode
+from holdfast.compiled.forest_schedule import forward_outputs, traced_solution, with_constant_arms, with_constants
 from holdfast.compiled.result import INDETERMINATE, OK
 from holdfast.compiled.traced_chain import Given
 from holdfast.dynamics.tree.forest_balance import power_into
@@ -96,7 +96,7 @@ class CompiledForestEngine:
         def function(given: Given) -> dict[str, Any]:
             at = self._arguments(given)
             rates, power = position_rates(at.forest, at.q, at.qd), array(power_into(at, at.motion({})))
-            return forward_outputs(self.forest, given) | {"q_rates": rates, "power": power}
+            return forward_outputs(traced_solution(self.forest, given)) | {"q_rates": rates, "power": power}
 
         forest = self.forest
         outputs: dict[str, Shape] = {"qdd": (forest.velocity_count,), "closure_wrench": (len(forest.closures), 6)}

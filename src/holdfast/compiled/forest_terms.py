@@ -9,18 +9,21 @@ import numpy as np
 
 from holdfast.compiled.result import SolvedResults
 from holdfast.compiled.traced_chain import Given
+from holdfast.dynamics.tree.forest_derivatives import FOREST_RESULTS, POSITIONS_RATES_TORQUES
 from holdfast.dynamics.tree.forest_dynamics import ForestResult, forest_dynamics
 from holdfast.dynamics.tree.mechanism import MechanismResult, mechanism_dynamics
 from holdfast.dynamics.tree.mechanism_terms import (
+    ForestPlace,
     chain_arguments,
     chain_results,
     driven_joints,
     flat_rates,
     require_passive,
 )
+from holdfast.dynamics.tree.varied_forest import FOREST_ARGUMENTS, ForestArguments
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import Forest
-from holdfast.questions.arrays import FLOATING, FLOATING_RESULT, Shape, state_fields
+from holdfast.questions.arrays import FLOATING, FLOATING_RESULT, STATE_AND_TORQUES, Shape, state_fields
 from holdfast.spatial.frozen import frozen_property
 from holdfast.spatial.scalar import Array, array, where
 from holdfast.state import Inputs, State
@@ -88,6 +91,9 @@ class ForestTerms(NamedTuple):
         require: refuses arrays of one system or a batch that are no inputs.
         refuse: raises the error of the reference for one system, if it has one.
         made: the class of the results.
+        arguments_by: by what forward dynamics can be differentiated, as parts of arrays of the forest.
+        results_of: the results as parts of arrays of the forest.
+        by, of: arguments and results of derivatives by default.
     """
 
     subject: Any
@@ -100,11 +106,25 @@ class ForestTerms(NamedTuple):
     require: Callable[[Mapping[str, Array]], None]
     refuse: Callable[[Mapping[str, Array]], object]
     made: type[CompiledForestResult | CompiledMechanismResult]
+    arguments_by: Mapping[str, ForestPlace]
+    results_of: Mapping[str, ForestPlace]
+    by: tuple[str, ...]
+    of: tuple[str, ...]
+
+
+def forest_result_shapes(forest: Forest) -> dict[str, Shape]:
+    """Return the shapes of a forest's results by name."""
+    bodies, closures, couplings = len(forest.bodies), len(forest.closures), len(forest.couplings)
+    shapes: tuple[Shape, ...] = (forest.velocity_count,), (bodies, 6), (closures, 6), (couplings,)
+    return dict(zip(FOREST_RESULTS, shapes, strict=True))
 
 
 def forest_terms(forest: Forest, parameters: Sequence[str]) -> ForestTerms:
     """Return the arrays of a forest in its own terms; `parameters` may have "link_wrench"."""
     n, wrenches = (forest.velocity_count,), (len(forest.bodies), 6)
+    none = ForestArguments(forest, np.zeros(forest.position_count), np.zeros(n), np.zeros(n), np.zeros(wrenches))
+    values = none.values(FOREST_ARGUMENTS)
+    shapes = {name: shape for name, shape in forest_result_shapes(forest).items() if name != "acceleration"}
 
     def refuse(found: Mapping[str, Array]) -> None:
         forest_dynamics(forest, found["q"], found["qd"], found["tau"], found.get("link_wrench"), check=False)
@@ -114,12 +134,16 @@ def forest_terms(forest: Forest, parameters: Sequence[str]) -> ForestTerms:
         forest,
         {"q": (forest.position_count,), "qd": n, "tau": n},
         {"link_wrench": wrenches} if "link_wrench" in parameters else {},
-        {"qdd": n, "closure_wrench": (len(forest.closures), 6), "coupling_force": (len(forest.couplings),)},
+        shapes,
         dict,
         dict,
         lambda found: None,
         refuse,
         CompiledForestResult,
+        {name: ForestPlace(name, slice(None), x.shape) for name, x in values.items()},
+        {name: ForestPlace(name, slice(None), shape) for name, shape in shapes.items()},
+        POSITIONS_RATES_TORQUES,
+        ("qdd", "closure_wrench"),
     )
 
 
@@ -177,4 +201,8 @@ def chain_terms(chain: ClosedChain, parameters: Sequence[str]) -> ForestTerms:
         require,
         refuse,
         CompiledMechanismResult,
+        places,
+        results,
+        STATE_AND_TORQUES,
+        ("qdd", "grasp_wrench"),
     )

@@ -5,7 +5,8 @@ import pytest
 
 from holdfast.dynamics import forest_dynamics
 from holdfast.dynamics.tree.forest_dynamics import forest_arguments
-from holdfast.dynamics.tree.limbs import limb_arms, limbed_motion, solved_with_limbs
+from holdfast.dynamics.tree.limbed_solution import solved_with_limbs
+from holdfast.dynamics.tree.limbs import limb_arms, limbed_motion
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.tree.varied_forest import damping_torques
 from holdfast.errors import SingularChainError

@@ -149,6 +149,13 @@ class ArmCase(NamedTuple):
 
     def power_at(self, arm: Arm, at: Kinematics, z: ArmUnknowns, y: ArmUnknowns, varied: Numbers) -> Scalar:
         """Return `power` for a given `configuration`."""
+        power, tip = self.of_links(arm, at, z, y, varied)
+        return power if self.grasp is None else power + self.grasp_power(z, y, tip, varied)
+
+    def of_links(
+        self, arm: Arm, at: Kinematics, z: ArmUnknowns, y: ArmUnknowns, varied: Numbers
+    ) -> tuple[Scalar, TipMotion]:
+        """Return the links' part of L, and the motion of the tip; arguments as in `power_at`."""
         q, qd, tau, base_twist, base_acceleration, external = (
             varied.get(name, getattr(self.given, name))
             for name in ("q", "qd", "tau", "base_twist", "base_acceleration", "link_wrenches")
@@ -163,11 +170,8 @@ class ArmCase(NamedTuple):
             if external is not None:
                 wrench = wrench - unrotate(at.R[k], external[k])
             power = power + u @ wrench
-        if self.grasp is None:
-            return power
         tip = acceleration_at_tip(arm, at, found, base_twist, base_acceleration)
-        at_tip = TipMotion(at.tip, tip_twist(arm, at, V, base_twist), tip, tip_twist(arm, at, U, y.base))
-        return power + self.grasp_power(z, y, at_tip, varied)
+        return power, TipMotion(at.tip, tip_twist(arm, at, V, base_twist), tip, tip_twist(arm, at, U, y.base))
 
     def grasp_power(self, z: ArmUnknowns, y: ArmUnknowns, tip: TipMotion, varied: Numbers) -> Scalar:
         """Return the grasp's part of L for a given motion of the tip; the other arguments are those of `power`."""

@@ -7,7 +7,7 @@ forest at rest, solved by the same elimination (docs/theory/tree.md).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from holdfast.dynamics.tree.forest_diagnosis import require_regular
 from holdfast.dynamics.tree.forest_dynamics import ForestResult, forest_arguments, solved_forest
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.least_force_rates import LeastForceRates, least_force_rates
+from holdfast.dynamics.tree.limb_power import limbs_in_motion
 from holdfast.dynamics.tree.varied_forest import FOREST_ARGUMENTS, ForestArguments
 from holdfast.dynamics.tree.virtual_power import (
     ForestOutputs,
@@ -50,12 +51,14 @@ class ForestPoint(NamedTuple):
         motion: its motion.
         z: its accelerations and forces.
         least: how the smallest forces change; None if forces are unique.
+        at_rest: returns the solution of K z = r, `solved_at_rest` or what solves it with factors at hand.
     """
 
     given: ForestArguments
     motion: ForestMotion
     z: ForestUnknowns
     least: LeastForceRates | None
+    at_rest: Callable[[ForestMotion, ForestUnknowns], ForestUnknowns] = solved_at_rest
 
 
 @np.errstate(all="ignore")  # what overflows is refused
@@ -230,15 +233,16 @@ def backward(at: ForestPoint, cotangents: Mapping[str, Array], by: Sequence[str]
 
     def power(*numbers: Array) -> Scalar:
         motion = at.given.motion(dict(zip(by, numbers, strict=True)))
-        beta = carried(motion, at.z.rates)
-        found = shown(motion, at.z, beta) - virtual_power(motion, at.z, beta, y)
+        beta, virtual = carried(motion, at.z.rates), carried(motion, y.rates)
+        whole = limbs_in_motion(motion, at.z.rates, beta, y.rates, virtual)
+        found = shown(whole.motion, at.z, beta) - virtual_power(whole, at.z, beta, y)
         return found if at.least is None else found + free @ at.least.residual(motion, at.z)
 
     z_bar = gradient(of_unknowns, at.z.flat)[0]
     free = np.zeros(0)
     if at.least is not None:
         free, z_bar = at.least.split(z_bar)
-    y = solved_at_rest(at.motion, unknowns_from(at.motion, z_bar))
+    y = at.at_rest(at.motion, unknowns_from(at.motion, z_bar))
     found = dict(zip(by, gradient(power, *at.given.values(by).values()), strict=True))
     return found | {name: symmetric_part(x) for name, x in found.items() if name == "link_inertia"}
 
@@ -263,12 +267,15 @@ def forward(at: ForestPoint, rates: Mapping[str, Array]) -> dict[str, Array]:
         found = unknowns_from(motion, z)
         return outputs(motion, found, carried(motion, found.rates))
 
-    def at_rest(r: Array) -> tuple[Array]:
-        return (solved_at_rest(at.motion, unknowns_from(at.motion, r)).flat,)
+    def solved(r: Array) -> tuple[Array]:
+        return (at.at_rest(at.motion, unknowns_from(at.motion, r)).flat,)
 
     values = list(at.given.values(names).values())
     changed, *weighed = linearised(equations, *values).along(*given.values())
-    (moved,) = linearised(at_rest, 0.0 * at.z.flat).along(-changed)
+    if changed.shape[-1] == 1:
+        moved = solved(-changed[:, 0])[0][:, None]
+    else:
+        (moved,) = linearised(solved, 0.0 * at.z.flat).along(-changed)
     if at.least is not None:
         moved = at.least.smallest(moved, weighed[0])
     return dict(zip(FOREST_RESULTS, linearised(results, at.z.flat, *values).along(moved, *given.values()), strict=True))

@@ -176,6 +176,7 @@ class ForestMotion(NamedTuple):
         coupled: per coupling, the right-hand side of its row.
         limbs: by closure, the limb that it ends; its response is one step.
         lone: limbs without a closure.
+        standing: limbs on their bodies, whose part in the virtual power is that of arms (`limb_power`).
     """
 
     forest: Any
@@ -184,6 +185,7 @@ class ForestMotion(NamedTuple):
     coupled: list[Scalar]
     limbs: Mapping[int, Limb] = MappingProxyType({})
     lone: Sequence[Limb] = ()
+    standing: Sequence[Any] = ()
 
     @property
     def topology(self) -> Topology:
@@ -213,7 +215,7 @@ class ForestMotion(NamedTuple):
         bodies = [body and body.at_rest() for body in self.bodies]
         if torques is not None:
             bodies = [
-                body._replace(wrench=torque) if body.floats else body._replace(torque=torque)
+                body and (body._replace(wrench=torque) if body.floats else body._replace(torque=torque))
                 for body, torque in zip(bodies, torques, strict=True)
             ]
         closures = [c.at_rest_with(r) for c, r in zip(self.closures, gaps, strict=True)]

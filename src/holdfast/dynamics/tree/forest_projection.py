@@ -16,7 +16,8 @@ import numpy as np
 from holdfast.dynamics.tree.forest_closing import FOREST_CLOSED
 from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
 from holdfast.dynamics.tree.forest_motion import ClosureMotion, forest_motion
-from holdfast.dynamics.tree.limbs import LimbArm, changes_with_limbs, limbed_motion
+from holdfast.dynamics.tree.limbed_solution import changes_with_limbs
+from holdfast.dynamics.tree.limbs import LimbArm, limbed_motion
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.tree.varied_forest import displaced
 from holdfast.model.forest import Forest

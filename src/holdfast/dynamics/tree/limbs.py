@@ -14,21 +14,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.free_dynamics import tip_acceleration
-from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, at_rest
+from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion
 from holdfast.dynamics.closed.contact import Contact, contact
-from holdfast.dynamics.closed.tip_response import TipResponse, responded, tip_response
-from holdfast.dynamics.tree.elimination import Tips, contradictions, factorised, left_over, right_hand_side, solve
+from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.tree.forest_motion import Carrier, ClosureMotion, ForestMotion, Limb, forest_motion, still_world
-from holdfast.dynamics.tree.order import AddFree, CloseFrame, MeasureLeaves
-from holdfast.dynamics.tree.outward import ForestFactors
-from holdfast.dynamics.tree.plan import EliminationPlan, plan_of
-from holdfast.dynamics.tree.right_hand_sides import Outward
+from holdfast.dynamics.tree.order import MeasureLeaves
+from holdfast.dynamics.tree.plan import plan_of
 from holdfast.model.arm import Arm
 from holdfast.model.forest import GROUND, Closure, Forest
 from holdfast.model.joint import Joint
+from holdfast.spatial.frozen import changed
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each
+from holdfast.spatial.scalar import Array, array, each
 from holdfast.spatial.spatial_vector import shift_twist
 
 
@@ -52,6 +49,20 @@ class LimbArm(NamedTuple):
     arm: Arm
 
 
+class StandingLimb(NamedTuple):
+    """A limb on its body at one instant.
+
+    Attributes:
+        limb: the limb.
+        offset: (3,) from the body's point to its base [m].
+        given: its arm, standing there, with its state, torques and loads.
+    """
+
+    limb: LimbArm
+    offset: Array
+    given: ArmInputs
+
+
 class LimbMotion(NamedTuple):
     """A limb at one instant: its arm, the closure that it ends, and its tip response."""
 
@@ -71,27 +82,6 @@ class LimbedMotion(NamedTuple):
 
     motion: ForestMotion
     limbs: Mapping[int, LimbMotion]
-
-
-class LimbedSolution(NamedTuple):
-    """Accelerations and forces of a forest with limbs, in world axes; names as in `ForestSolution`.
-
-    Attributes:
-        qdd: per body, (m,) joint accelerations; of a free body, (6,) the true acceleration of its frame's origin.
-        wrenches: per closure, (6,).
-        multipliers: per coupling.
-        rank, weakest: as in `ForestSolution`.
-        left: per closure, and then per coupling, what accelerations leave of its rows, relative to their terms.
-        pivots: articulated inertias of the joints outside limbs, > 0 if the mass matrix is regular.
-    """
-
-    qdd: list[Array]
-    wrenches: list[Array]
-    multipliers: list[Scalar]
-    rank: Scalar
-    weakest: Scalar
-    left: list[Scalar]
-    pivots: Array
 
 
 def limb_arms(forest: Forest) -> list[LimbArm]:
@@ -124,6 +114,15 @@ def _arm(forest: Forest, bodies: Sequence[int], closure: Closure, is_b: bool) ->
     return Arm(joints, links, tip=tip)
 
 
+def with_links_of(forest: Forest, one: LimbArm, varied: Container[str]) -> LimbArm:
+    """Return a limb with the numbers of a forest's joints and links if some of those are varied."""
+    if not any(name in varied for name in ("armature", "link_mass", "link_com", "link_inertia")):
+        return one
+    bodies = [forest.bodies[k] for k in one.joints]
+    joints = [changed(joint, armature=b.joint.armature) for joint, b in zip(one.arm.joints, bodies, strict=True)]
+    return one._replace(arm=one.arm.of(joints, [body.link for body in bodies]))
+
+
 def limbed_motion(
     forest: Forest, arms: Sequence[LimbArm], q: Array, qd: Array, torque: Array, wrenches: Array | None = None
 ) -> LimbedMotion:
@@ -139,25 +138,39 @@ def limbed_motion(
     """
     loads = np.zeros((len(forest.bodies), 6)) if wrenches is None else wrenches
     motion = forest_motion(forest, q, qd, torque, loads, within={k for one in arms for k in one.joints})
-    carriers = [*(None if body is None else body.at for body in motion.bodies), still_world(forest.gravity)]
-    given, offsets = [], []
-    for one in arms:
-        at = carriers[one.on]
-        assert at is not None
-        pushed = None if wrenches is None else wrenches[list(one.joints)]
-        offsets.append(at.frame.R @ one.base.p - at.centre)
-        given.append(_inputs(one, at, offsets[-1], *_joints_of(forest, one, q, qd, torque), pushed))
+    carriers = carriers_of(motion)
+    standing = standing_limbs(forest, arms, carriers, q, qd, torque, wrenches)
     limbs, on_bodies, closures = {}, {}, [*motion.closures]
-    for one, l, (arm, tip) in zip(arms, offsets, each(_in_motion, given), strict=True):
-        closure = forest.closures[one.closure]
-        other = closure.a if one.is_b else closure.b
-        at = carriers[GROUND if other is None else other]
-        assert at is not None
-        closed = _as_body_b(closure, arm, at) if one.is_b else _as_body_a(closure, arm, at)
+    for stood, (arm, tip) in zip(standing, each(_in_motion, [one.given for one in standing]), strict=True):
+        one, closed = stood.limb, closed_by(forest, stood.limb, arm.at.tip, arm.tip_twist, carriers)
         limbs[one.closure] = LimbMotion(one, arm, closed, tip)
-        on_bodies[one.closure] = Limb(one.on, l, tip)
+        on_bodies[one.closure] = Limb(one.on, stood.offset, tip)
         closures[one.closure] = closed
     return LimbedMotion(motion._replace(closures=closures, limbs=on_bodies), limbs)
+
+
+def carriers_of(motion: ForestMotion) -> list[Any]:
+    """Return the carriers of bodies and, last, of the world; None within limbs."""
+    return [*(None if body is None else body.at for body in motion.bodies), still_world(motion.forest.gravity)]
+
+
+def standing_limbs(
+    forest: Forest,
+    arms: Sequence[LimbArm],
+    carriers: Sequence[Any],
+    q: Array,
+    qd: Array,
+    torque: Array,
+    wrenches: Array | None,
+) -> list[StandingLimb]:
+    """Return limbs on what carries them, `carriers_of`; the other arguments are those of `limbed_motion`."""
+    found = []
+    for one in arms:
+        at = carriers[one.on]
+        pushed = None if wrenches is None else wrenches[list(one.joints)]
+        l = at.frame.R @ one.base.p - at.centre
+        found.append(StandingLimb(one, l, _inputs(one, at, l, *_joints_of(forest, one, q, qd, torque), pushed)))
+    return found
 
 
 def _inputs(
@@ -180,143 +193,31 @@ def _in_motion(given: ArmInputs) -> tuple[ArmMotion, TipResponse]:
     return arm, tip_response(arm, "auto")
 
 
-def _as_body_a(closure: Closure, arm: ArmMotion, other: Carrier) -> ClosureMotion:
-    """Return the closure that a limb ends as body a, without its free acceleration, which is in its response."""
-    c = contact(closure.grasp, other.frame, other.twist_at(-other.centre), arm.at.tip, arm.tip_twist)
-    l = c.offset - other.centre
-    return ClosureMotion(_anywhere(c), arm.at.tip, np.zeros(3), l, c.g, np.zeros(6), other.zeta_at(l))
+def closed_by(forest: Forest, one: LimbArm, end: Pose, twist: Array, carriers: Sequence[Any]) -> ClosureMotion:
+    """Return the closure that a limb ends, without the limb's free acceleration, which is in its response.
 
-
-def _as_body_b(closure: Closure, arm: ArmMotion, other: Carrier) -> ClosureMotion:
-    """Return the closure that a limb ends as body b, likewise."""
-    end, reach = arm.at.tip, other.frame.R @ closure.tip.p
+    Args:
+        forest: the forest.
+        one: the limb.
+        end: pose of its tip.
+        twist: (6,) twist of its tip.
+        carriers: as in `standing_limbs`.
+    """
+    closure, none = forest.closures[one.closure], np.zeros(6)
+    k = closure.a if one.is_b else closure.b
+    other = carriers[GROUND if k is None else k]
+    if not one.is_b:
+        c = contact(closure.grasp, other.frame, other.twist_at(-other.centre), end, twist)
+        l = c.offset - other.centre
+        return ClosureMotion(_anywhere(c), end, np.zeros(3), l, c.g, none, other.zeta_at(l))
+    reach = other.frame.R @ closure.tip.p
     to_origin, l = -(end.R @ closure.grasp.frame.p), reach - other.centre
     tip = Pose.unchecked(other.frame.R @ closure.tip.R, other.frame.p + reach)
-    frame, twist = Pose.unchecked(end.R, end.p + to_origin), shift_twist(to_origin, arm.tip_twist)
+    frame, twist = Pose.unchecked(end.R, end.p + to_origin), shift_twist(to_origin, twist)
     c = contact(closure.grasp, frame, twist, tip, other.twist_at(l))
-    return ClosureMotion(_anywhere(c), tip, l, np.zeros(3), c.g, other.zeta_at(l), np.zeros(6))
+    return ClosureMotion(_anywhere(c), tip, l, np.zeros(3), c.g, other.zeta_at(l), none)
 
 
 def _anywhere(c: Contact) -> Contact:
     """Return a contact whose grasp stands nowhere in particular, so that those of equal kind share their code."""
     return replace(c, grasp=c.grasp.standing_at(Pose.identity()))
-
-
-def solved_with_limbs(limbed: LimbedMotion, plan: EliminationPlan) -> LimbedSolution:
-    """Return the accelerations and forces of a forest, after taking back what rounding left of its closures.
-
-    Nothing need be taken back if all loops consist of limbs and free bodies, as in a chain; see `elimination.solved`.
-
-    Args:
-        limbed: its motion.
-        plan: the order.
-    """
-    motion, limbs = limbed
-    factors, (found,) = factorised(motion, plan)
-    both = _accelerations(found, limbs, [(m.arm, m.tip) for m in limbs.values()])
-    if not _all_in_limbs(plan, limbs):
-        both = both.plus(_of_what_is_left(limbed, factors, both))
-    free = {k: body for k, body in enumerate(motion.bodies) if body is not None and body.floats}
-    gravity = motion.forest.gravity
-    return LimbedSolution(
-        [
-            free[k].true_acceleration(both.beta[k], gravity) if k in free else both.qdd[k]
-            for k in range(len(motion.bodies))
-        ],
-        [both.wrenches[i] for i in range(len(motion.closures))],
-        [both.multipliers[i] for i in range(len(motion.couplings))],
-        factors.rank,
-        factors.weakest,
-        contradictions(motion, both.qdd, both.beta, both.tips),
-        concatenate([np.zeros(0), *(one.factors.pivots for one in factors.settled.values() if not one.motion.floats)]),
-    )
-
-
-def _all_in_limbs(plan: EliminationPlan, limbs: Container[int]) -> bool:
-    """Return whether every closure ends a limb, and no joint is in a loop besides."""
-    steps = [step for steps in plan.steps for step in steps]
-    leaves = [leaf for step in steps if isinstance(step, MeasureLeaves) for leaf in step.leaves]
-    simple = all(isinstance(step, AddFree | MeasureLeaves | CloseFrame) for step in steps)
-    return simple and all(leaf.closure in limbs for leaf in leaves)
-
-
-def _of_what_is_left(limbed: LimbedMotion, factors: ForestFactors, first: _Accelerations) -> _Accelerations:
-    """Return the solution at rest for what accelerations leave of the rows."""
-    return _at_rest_with(limbed, factors, *left_over(limbed.motion, first.qdd, first.beta, first.tips))
-
-
-def _at_rest_with(
-    limbed: LimbedMotion, factors: ForestFactors, gaps: list[Array], coupled: list[Scalar]
-) -> _Accelerations:
-    """Return the solution of the forest at rest with other right-hand sides of its rows."""
-    motion, limbs = limbed
-    rest = motion.at_rest_with(gaps, coupled)
-    of_limbs = {i: (-gaps[i] if m.limb.is_b else gaps[i]) @ m.closure.K for i, m in limbs.items()}
-    (again,) = solve(factors, [right_hand_side(rest)._replace(limbs=(), gaps=of_limbs)])
-    still = each(_at_rest, [m.arm for m in limbs.values()], [m.tip for m in limbs.values()])
-    return _accelerations(again, limbs, still)
-
-
-def changes_with_limbs(
-    limbed: LimbedMotion, plan: EliminationPlan, sides: Sequence[tuple[list[Array], list[Scalar]]]
-) -> tuple[Scalar, list[Array]]:
-    """Return the rank, and the smallest changes of rates in the kinetic metric with given effects on the rows.
-
-    Args:
-        limbed: the forest's motion, of which only the configuration matters.
-        plan: the order.
-        sides: per change, its effect on the rows of closures, (rows,) each, and of couplings.
-
-    Returns:
-        The rank of the rows, and per change (n_v,) in the coordinates of qd.
-    """
-    motion, found = limbed.motion, []
-    factors, _ = factorised(motion, plan)
-    for gaps, coupled in sides:
-        moved = _at_rest_with(limbed, factors, gaps, coupled)
-        rates = [moved.qdd[k] if body is None else body.of_frame(moved.qdd[k]) for k, body in enumerate(motion.bodies)]
-        found.append(concatenate(rates))
-    return factors.rank, found
-
-
-class _Accelerations(NamedTuple):
-    """Accelerations and forces by body, closure and coupling, and accelerations of limbs' tips; see `left_over`."""
-
-    qdd: Mapping[int, Array]
-    beta: Mapping[int, Array]
-    wrenches: Mapping[int, Array]
-    multipliers: Mapping[int, Scalar]
-    tips: Tips
-
-    def plus(self, other: _Accelerations) -> _Accelerations:
-        def summed(own: Mapping[Any, Any], more: Mapping[Any, Any]) -> dict[Any, Any]:
-            return {key: x + more[key] for key, x in own.items()}
-
-        return _Accelerations(*map(summed, self, other))
-
-
-def _accelerations(
-    found: Outward, limbs: Mapping[int, LimbMotion], loaded: Sequence[tuple[ArmMotion, TipResponse]]
-) -> _Accelerations:
-    """Return a solution with the joints of limbs, whose motions and tip responses are those of its loads."""
-    forces = [-found.wrenches[i] if m.limb.is_b else found.wrenches[i] for i, m in limbs.items()]
-    bases = [None if m.limb.on == GROUND else found.beta[m.limb.on] for m in limbs.values()]
-    moved = each(_moved, [arm for arm, _ in loaded], [tip for _, tip in loaded], forces, bases)
-    qdd, tips = dict(found.qdd), {}
-    for (i, m), (rates, tip) in zip(limbs.items(), moved, strict=True):
-        qdd |= {k: rates[j : j + 1] for j, k in enumerate(m.limb.joints)}
-        tips[i, m.limb.is_b] = tip
-    return _Accelerations(qdd, found.beta, found.wrenches, found.multipliers, tips)
-
-
-def _moved(arm: ArmMotion, tip: TipResponse, f: Array, beta: Array | None) -> tuple[Array, Array]:
-    """Return the joint accelerations of a limb, and that of its tip."""
-    qdd, _ = responded(tip, f, beta)
-    base = None if beta is None or arm.base_columns is None else arm.base_columns @ beta
-    return qdd, tip_acceleration(arm, qdd, base)
-
-
-def _at_rest(arm: ArmMotion, tip: TipResponse) -> tuple[ArmMotion, TipResponse]:
-    still = at_rest(arm)
-    assert tip.for_load is not None
-    return still, tip.for_load(still)

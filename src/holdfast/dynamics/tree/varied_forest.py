@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.tree.forest_motion import Carrier, ForestMotion, forest_motion, moving_world
+from holdfast.dynamics.tree.limbs import LimbArm, carriers_of, standing_limbs, with_links_of
 from holdfast.model.forest import Forest, ForestBody
 from holdfast.questions.case import varied_body
 from holdfast.spatial import rotation
@@ -52,6 +53,7 @@ class ForestArguments(NamedTuple):
         wrenches: (bodies, 6) external wrenches about the origins of the bodies' frames.
         under: by body on a joint to the world, the base on which it stands, if that moves.
         behind: by closure with the world, the base to which it is fixed, if that moves.
+        limbs: chains of joints whose part in the virtual power is that of arms (`limb_power`).
     """
 
     forest: Forest
@@ -61,6 +63,7 @@ class ForestArguments(NamedTuple):
     wrenches: Array
     under: Mapping[int, MovingBase] = MappingProxyType({})
     behind: Mapping[int, MovingBase] = MappingProxyType({})
+    limbs: Sequence[LimbArm] = ()
 
     def values(self, names: Sequence[str]) -> dict[str, Array]:
         """Return the named numbers; those of positions and poses are tangents, which are zero."""
@@ -106,7 +109,11 @@ class ForestArguments(NamedTuple):
         )
         drives = tau - damping_torques(forest, qd) - spring_torques(forest, q)
         bases = ({i: base.world(forest.gravity) for i, base in of.items()} for of in (self.under, self.behind))
-        return forest_motion(forest, q, qd, drives, wrenches, *bases)
+        limbs = [with_links_of(forest, one, varied) for one in self.limbs if not _changes_shape(one, varied)]
+        within = {k for one in limbs for k in one.joints}
+        motion = forest_motion(forest, q, qd, drives, wrenches, *bases, within=within)
+        standing = standing_limbs(forest, limbs, carriers_of(motion), q, qd, drives, wrenches)
+        return motion._replace(standing=standing)
 
 
 def displaced(forest: Forest, q: Array, step: Array) -> Array:
@@ -177,6 +184,11 @@ def spring_torques(forest: Forest, q: Array) -> Array:
         stretched = joint.stiffness * (q[at_q] - joint.rest) if joint.stiffness else np.zeros(at_v.stop - at_v.start)
         parts.append(stretched)
     return concatenate(parts)
+
+
+def _changes_shape(one: LimbArm, varied: Mapping[str, Array]) -> bool:
+    """Return whether varied frames are within a limb, which then is not taken as an arm."""
+    return "joint_pose" in varied or ("grasp_pose" if one.is_b else "tip_pose") in varied
 
 
 def _body(body: ForestBody, k: int, varied: Mapping[str, Array]) -> ForestBody:

@@ -15,12 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.tree.elimination import Tips
 from holdfast.dynamics.tree.forest_dynamics import by_plan
 from holdfast.dynamics.tree.forest_motion import ForestMotion
+from holdfast.dynamics.tree.limb_power import LimbsInMotion
 from holdfast.spatial.differentiation import gradient
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import shift_twist
@@ -56,7 +59,9 @@ class ForestOutputs(NamedTuple):
 
 def unknowns_from(motion: ForestMotion, flat: Array) -> ForestUnknowns:
     """Return unknowns from one vector."""
-    sizes = [b.H.shape[1] for b in motion.bodies] + [len(c.K) for c in motion.closures]
+    forest = motion.forest
+    sizes = [at.stop - at.start for at in forest.velocities]
+    sizes += [len(closure.grasp.of_kind.transmitted) for closure in forest.closures]
     parts = [flat[i:j] for i, j in pairwise(np.cumsum([0, *sizes, len(motion.coupled)]).tolist())]
     count = len(motion.bodies)
     return ForestUnknowns(parts[:count], parts[count:-1], parts[-1])
@@ -71,47 +76,54 @@ def unknowns_of(
 
 
 def carried(motion: ForestMotion, rates: list[Array]) -> list[Array]:
-    """Return per body the twist, or acceleration, of its point due to joint rates, (6,). O(bodies)."""
+    """Return per body the twist, or acceleration, of its point due to joint rates, (6,); 0 in limbs. O(bodies)."""
     found: list[Array] = []
     for body, part, x in zip(motion.forest.bodies, motion.bodies, rates, strict=True):
-        own = part.H @ x
-        found.append(own if body.parent is None else shift_twist(part.reach, found[body.parent]) + own)
+        own = np.zeros(6) if part is None else part.H @ x
+        found.append(own if part is None or body.parent is None else shift_twist(part.reach, found[body.parent]) + own)
     return found
 
 
-def along_rows(motion: ForestMotion, rates: list[Array], moved: list[Array]) -> tuple[list[Array], list[Scalar]]:
+def along_rows(
+    motion: ForestMotion, rates: list[Array], moved: list[Array], tips: Tips = MappingProxyType({})
+) -> tuple[list[Array], list[Scalar]]:
     """Return the product of the rows of closures, (rows,) each, and of couplings with joint rates.
 
     Args:
         motion: the forest's motion.
         rates: per body, (m,).
         moved: what they add to the points of the bodies, `carried`.
+        tips: by closure and whether its body b ends a limb, the motion of the limb's tip.
     """
     forest, closed = motion.forest, []
-    for closure, c in zip(forest.closures, motion.closures, strict=True):
-        own = c.on_b @ moved[closure.b]
-        closed.append(own if closure.a is None else own + c.on_a @ moved[closure.a])
+    for i, (closure, c) in enumerate(zip(forest.closures, motion.closures, strict=True)):
+        own = c.K @ tips[i, True] if (i, True) in tips else c.on_b @ moved[closure.b]
+        if (i, False) in tips:
+            own = own - c.K @ tips[i, False]
+        closed.append(own if closure.a is None or (i, False) in tips else own + c.on_a @ moved[closure.a])
     return closed, [sum(c * rates[k][i] for k, i, c in coupling.terms) for coupling in forest.couplings]
 
 
-def virtual_power(motion: ForestMotion, z: ForestUnknowns, beta: list[Array], y: ForestUnknowns) -> Scalar:
+def virtual_power(whole: LimbsInMotion, z: ForestUnknowns, beta: list[Array], y: ForestUnknowns) -> Scalar:
     """Return L. O(bodies + closures).
 
     Args:
-        motion: the forest's motion.
+        whole: the forest's motion, with the part of its limbs.
         z: accelerations and forces.
         beta: the accelerations of the bodies' points, `carried`.
         y: the multipliers.
     """
-    power: Scalar = 0.0
+    motion, power = whole.motion, whole.power
     virtual_twists = carried(motion, y.rates)
     for body, a, U, qdd, rate in zip(motion.bodies, beta, virtual_twists, z.rates, y.rates, strict=True):
+        if body is None:
+            continue
         power = power + U @ (body.inertia.apply(a) + body.load - body.wrench)
         if not body.floats:
             power = power + rate @ (body.armature * qdd - body.torque)
     (moved, coupled), (apart, uncoupled) = (
-        along_rows(motion, y.rates, virtual_twists),
-        along_rows(motion, z.rates, beta),
+        along_rows(motion, y.rates, virtual_twists, whole.virtual),
+        along_rows(motion, z.rates, beta, whole.accelerations),
     )
     closures = zip(motion.closures, moved, apart, z.closures, y.closures, strict=True)
     for c, virtual, gap, force, multiplier in closures:
@@ -123,12 +135,12 @@ def virtual_power(motion: ForestMotion, z: ForestUnknowns, beta: list[Array], y:
 
 def residual(motion: ForestMotion, z: ForestUnknowns) -> Array:
     """Return dL/dy, what the equations leave, in the layout of `ForestUnknowns.flat`."""
-    beta = carried(motion, z.rates)
-    return gradient(lambda y: virtual_power(motion, z, beta, unknowns_from(motion, y)), np.zeros(len(z.flat)))[0]
+    beta, whole = carried(motion, z.rates), LimbsInMotion(motion)
+    return gradient(lambda y: virtual_power(whole, z, beta, unknowns_from(motion, y)), np.zeros(len(z.flat)))[0]
 
 
 def outputs(motion: ForestMotion, z: ForestUnknowns, beta: list[Array]) -> ForestOutputs:
-    """Return what forward dynamics returns.
+    """Return what forward dynamics returns; without the accelerations of bodies within limbs, which are 0.
 
     Args:
         motion: the forest's motion.
@@ -136,8 +148,12 @@ def outputs(motion: ForestMotion, z: ForestUnknowns, beta: list[Array]) -> Fores
         beta: their accelerations of the bodies' points, `carried`.
     """
     gravity = motion.forest.gravity
-    acceleration = [body.true_acceleration(x, gravity) for body, x in zip(motion.bodies, beta, strict=True)]
-    rates = [a if body.floats else x for body, a, x in zip(motion.bodies, acceleration, z.rates, strict=True)]
+    bodies = list(zip(motion.bodies, beta, strict=True))
+    acceleration = [np.zeros(6) if body is None else body.true_acceleration(x, gravity) for body, x in bodies]
+    rates = [
+        x if body is None or not body.floats else a
+        for body, a, x in zip(motion.bodies, acceleration, z.rates, strict=True)
+    ]
     wrenches = [f @ c.K if len(c.K) else np.zeros(6) for c, f in zip(motion.closures, z.closures, strict=True)]
     return ForestOutputs(concatenate(rates), array(acceleration), array(wrenches).reshape(-1, 6), z.couplings)
 
