@@ -11,7 +11,7 @@ import holdfast as hf
 from holdfast.errors import MethodNotApplicable, SingularChainError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, least_peak, lift_margin
 from holdfast.forces.distribute import force_question
-from holdfast.forces.second_order_cone import cone_inverse
+from holdfast.spatial.second_order_cone import cone_inverse
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from tests.capabilities.chains import chain_with
