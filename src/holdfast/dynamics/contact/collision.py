@@ -5,8 +5,8 @@ coefficient e times one factor g <= 1, V+ = y + g D, D = sum e_j P C_j^T Lambda_
 
     |V+|^2 - |V-|^2 = 2 y.d - |d|^2 + 2 g y.D + g^2 |D|^2,    y.d = Lambda . u(y) <= 0
 
-which is not positive at g = 0, so that the largest g <= 1 without a gain exists; it is 1 where all e are equal. Contacts
-that approach after the expansion collide again; the last round has e = 0.
+which is not positive at g = 0, so that the largest g <= 1 without a gain exists; it is 1 where all e are equal.
+Contacts that approach after the expansion collide again; the last round has e = 0.
 
 References: Glocker, "Set-Valued Force Laws", 2001, ch. 8; Kane, "A dynamics puzzle", 1984 (Newton's law gains energy).
 """

@@ -1,6 +1,7 @@
 """Contact forces to the last digit: Newton's method on contacts of a small compliance whose effect is taken back.
 
-    z = sum along^T x(z),    x_n = max(0, v_n),   x_t = v_t, shortened to mu x_n,    v = (eps held - u) / (eps + compliance)
+    z = sum along^T x(z),   x_n = max(0, v_n),   x_t = v_t, shortened to mu x_n
+    v = (eps held - u) / (eps + compliance)
 
 One Newton step for every eps, after which `held` is the new x (the proximal point method): at its end x = held, and a
 rigid contact obeys its law without any compliance. Open contacts get exactly no force, and slipping ones lie exactly
@@ -45,8 +46,7 @@ def polished(
         held = _newton_step(contacts, held, relative)
         now = violation(contacts, held)
         better = now < least
-        best = each(lambda new, old: select(better, new, old), held, best)
-        return (held, best, where(better, now, least)), None
+        return (held, _better(held, best, better), where(better, now, least)), None
 
     start = (held, held, violation(contacts, held))
     (_, best, least), _ = scan(refined, start, compliances)
@@ -65,18 +65,25 @@ def _newton_step(contacts: list[ReducedContact], held: list[Array], relative: fl
     parts = each(lambda c, one, stiff: c.along.T @ ((stiff * one[1]) @ c.by_z), contacts, found, stiffness)
     factors = lu(np.eye(len(z)) + sum(parts))
     step = lu_solve(factors, unknown(contacts, [x for x, _ in found]) - z)
-    best, least = held, float("inf")
-    for length in LENGTHS:
+
+    def tried(length: float) -> tuple[list[Array], Scalar]:
         there = z + length * step
         forces = each(
             lambda c, x, stiff: lawful_force(pressing(c, x, stiff, there), c.friction), contacts, held, stiffness
         )
         left = there - unknown(contacts, forces)
-        off = left @ left
-        better = off < least
-        best = each(lambda new, old: select(better, new, old), forces, best)
-        least = where(better, off, least)
+        return forces, left @ left
+
+    best, least = tried(LENGTHS[0])
+    for length in LENGTHS[1:]:
+        forces, off = tried(length)
+        best, least = _better(forces, best, off < least), where(off < least, off, least)
     return best
+
+
+def _better(new: list[Array], old: list[Array], chosen: Scalar) -> list[Array]:
+    """Return the new forces if they are chosen, else the old ones."""
+    return each(lambda a, b: select(chosen, a, b), new, old)
 
 
 def lawful_force(v: Array, mu: Scalar) -> Array:
