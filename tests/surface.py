@@ -5,7 +5,7 @@ from typing import Any
 
 THEMES = (
     "assembly", "codegen", "compiled", "control", "dynamics", "forces", "gym", "identification", "interop", "io",
-    "planning", "plot", "robots", "simulation", "sweeps",
+    "planning", "plot", "robots", "simulation", "sweeps", "world",
 )  # fmt: skip
 
 

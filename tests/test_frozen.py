@@ -55,6 +55,13 @@ def branched() -> list[Any]:
     ]
 
 
+def shapes() -> dict[str, Any]:
+    """Return shapes of the world of all kinds."""
+    solids = hf.world.HalfSpace(normal=np.array([0.0, 0.0, 1.0])), hf.world.Box(half=np.ones(3))
+    of_radius = hf.world.Ball(radius=1.0), hf.world.Cylinder(radius=1.0), hf.world.Cone(angle=0.4)
+    return {type(one).__name__: one for one in (*solids, *of_radius)}
+
+
 @cache
 def examples() -> dict[str, Any]:
     """Return an object of every public frozen dataclass by its type's name."""
@@ -103,6 +110,8 @@ def examples() -> dict[str, Any]:
         run := hf.simulate(chain, state, hf.control.GravityCompensation(chain), 2e-3, 1e-3),
         run.setting,
         hf.Spring(("world", [0, 0, 1]), ("object", [0, 0, 0]), 5.0),
+        touching := hf.world.Touching({"tip": hf.world.Sphere(np.zeros(3), 0.1)}, shapes()),
+        *(touching.points["tip"], *touching.world.values()),
         hf.Anchor(hf.Pose.translation(0, 0, 1)),
         *branched(),
         hf.Closure("left/link3", "right/link3", hf.Grasp("ball")),

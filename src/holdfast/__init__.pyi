@@ -17,6 +17,7 @@ from . import robots as robots
 from . import simulation as simulation
 from . import sweeps as sweeps
 from . import view as view
+from . import world as world
 from .assembly.assemble import assemble as assemble
 from .compiled.chain import compile as compile
 from .control.controller import ControlLaw as ControlLaw
