@@ -87,9 +87,7 @@ def placed(rng: np.random.Generator, place: str, k: int) -> tuple[Array, Array]:
 @np.errstate(all="ignore")
 def bars(problems: int, clarabel_share: int = 5) -> None:
     """Print how many problems are left after each way, and the worst distance from Clarabel's answers."""
-    print(
-        f"{'mu <':>5} {'k':>3} {'fast':>6} {'careful':>8} {'swept':>6}  {'median residual':>16} {'largest':>9} {'Clarabel':>9} ms"
-    )
+    print(" mu <   k   fast  careful  swept   median residual   largest  Clarabel ms")
     total = left = 0
     for most in FRICTION:
         for k in COUNTS:
@@ -121,7 +119,7 @@ def bars(problems: int, clarabel_share: int = 5) -> None:
 
 
 def from_clarabel(one: Drawn, change: Array, problem: Any) -> float:
-    """Return how far Clarabel's velocities are from ours in the convex problem at our mu |u_t|, relative to the free ones.
+    """Return how far Clarabel's velocities are from ours at our mu |u_t|, relative to the free ones.
 
     minimise |z|^2 / 2  subject to  (u_n + mu |u_t|, mu u_t) in the second-order cone,  u = b + B z
     """
