@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -13,6 +15,7 @@ from holdfast.dynamics.contact.contact_forces import (
     found_forces,
 )
 from holdfast.dynamics.contact.contact_law import NORMAL_FIRST, unknown
+from holdfast.dynamics.contact.faceted_cones import faceted_forces
 from holdfast.dynamics.contact.gauss_seidel import swept_forces
 from holdfast.dynamics.contact.interior_path import CAUTIOUS
 from holdfast.dynamics.contact.proximal_newton import polished
@@ -77,21 +80,26 @@ def solve_contacts(
 
 
 def surely(problem: ContactProblem, start: Array | None = None) -> list[Array]:
-    """Return the forces that violate the laws least: by the last ones, the fast way, the careful way, then sweeps."""
-    contacts, tries = problem.contacts, []
-    if start is not None:
-        tries.append(lambda: polished(contacts, [np.roll(x, 1) for x in start]))
-    tries.append(lambda: cold_forces(problem))
-    tries.append(lambda: cold_forces(problem, CAUTIOUS))
-    tries.append(lambda: polished(contacts, swept_forces(contacts)))
-    best, least = [np.zeros(3) for _ in contacts], np.inf
-    for attempt in tries:
-        forces, off = attempt()
+    """Return the forces that violate the laws least of all ways that are tried, in turn, until one resolves them."""
+    best, least = [np.zeros(3) for _ in problem.contacts], np.inf
+    for _, forces, off in ways(problem, start):
         if off < least:
             best, least = forces, off
         if least <= RESOLVED:
             break
     return best
+
+
+def ways(problem: ContactProblem, start: Array | None = None) -> Iterator[tuple[str, list[Array], float]]:
+    """Yield forces and their violation of the laws: from given ones, the fast way, then ever slower and surer ways."""
+    contacts = problem.contacts
+    if start is not None:
+        yield "warm", *polished(contacts, [np.roll(x, 1) for x in start])
+    yield "fast", *cold_forces(problem)
+    yield "careful", *cold_forces(problem, CAUTIOUS)
+    for forces in faceted_forces(contacts):
+        yield "facets", *polished(contacts, forces)
+    yield "sweeps", *polished(contacts, swept_forces(contacts))
 
 
 def settled(problem: ContactProblem, forces: list[Array]) -> ContactSolution:
