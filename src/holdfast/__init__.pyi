@@ -24,6 +24,7 @@ from .control.controller import ControlLaw as ControlLaw
 from .control.holding_torques import holding_torques as holding_torques
 from .control.timed_path import time_path as time_path
 from .dynamics.closing import close as close
+from .dynamics.contact.touch import touch as touch
 from .dynamics.derivatives import forward_dynamics as forward_dynamics
 from .dynamics.derivatives import forward_dynamics_jacobian as forward_dynamics_jacobian
 from .dynamics.derivatives import forward_dynamics_jvp as forward_dynamics_jvp

@@ -29,6 +29,7 @@ from holdfast.spatial.vector import largest
 
 TINY = 1e-200  # added to sizes by which is divided
 LEAST_MOBILITY = 1e-9  # of a contact's point, relative to the largest of all contacts
+ROUNDING = 2.0**-52
 NORMAL_FIRST = [2, 0, 1]
 TANGENTS_FIRST = [1, 2, 0]
 
@@ -113,7 +114,8 @@ def violation(contacts: list[ReducedContact], forces: list[Array]) -> Scalar:
     """Return how far forces are from the laws, relative to the largest free velocity.
 
     The natural map of the laws as a complementarity of cones, |g x - proj(g x - u - mu |u_t| n)| with the gauge g, is
-    a velocity. (Relative to the forces, large internal forces would hide that contacts penetrate.)
+    a velocity. (Relative to the forces, large internal forces would hide that contacts penetrate; what their rounding
+    may hide is added.)
     """
     z = unknown(contacts, forces)
 
@@ -122,7 +124,7 @@ def violation(contacts: list[ReducedContact], forces: list[Array]) -> Scalar:
         slip = c.friction * sqrt(u[1:] @ u[1:])
         pressed = c.gauge * x
         y = pressed - u - concatenate([[slip], np.zeros(2)])
-        return largest(pressed - in_friction_cone(y, c.friction)), size_of(c)
+        return largest(pressed - in_friction_cone(y, c.friction)) + ROUNDING * largest(pressed), size_of(c)
 
     found = each(of_contact, contacts, forces)
     return largest(off for off, _ in found) * reciprocal(largest(size for _, size in found) + TINY)

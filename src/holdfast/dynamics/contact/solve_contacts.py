@@ -12,13 +12,30 @@ from holdfast.dynamics.contact.contact_forces import (
     contact_problem,
     found_forces,
 )
+from holdfast.dynamics.contact.contact_law import NORMAL_FIRST, unknown
 from holdfast.dynamics.contact.gauss_seidel import swept_forces
 from holdfast.dynamics.contact.interior_path import CAUTIOUS
 from holdfast.dynamics.contact.proximal_newton import polished
 from holdfast.dynamics.contact.solved_contacts import ContactSolution, ContactStatus
+from holdfast.dynamics.contact.uniqueness import (
+    ActiveRows,
+    LoadFreedoms,
+    active_rows,
+    added,
+    largest_load,
+    load_freedoms,
+    of_equal_compliances,
+    pressing_sets,
+    proven_unique,
+    squeezing_forces,
+    unique_forces,
+)
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
+
+LOADS = (1.0, 0.5)  # of the largest change of loads that keeps the forces in their cones
+SAME_MOTION = 1e-7  # motions that differ less, relative to the free velocities, are one
 
 
 @np.errstate(all="ignore")  # a step that overflows is not taken
@@ -78,10 +95,78 @@ def surely(problem: ContactProblem, start: Array | None = None) -> list[Array]:
 
 
 def settled(problem: ContactProblem, forces: list[Array]) -> ContactSolution:
-    """Return the solution with its status."""
+    """Return the solution with its status; see `uniqueness`."""
+    contacts = problem.contacts
+    sliding = any(c.slide.any() for c in contacts)
+    sets = pressing_sets(contacts) if sliding else None
     found = found_forces(problem, forces)
-    status = ContactStatus.OK if found.residual <= RESOLVED else ContactStatus.UNRESOLVED
-    return ContactSolution(**found._asdict() | {"residual": float(found.residual)}, status=status)
+    if sets and not found.residual <= RESOLVED:
+        forces = sets[0]
+        found = found_forces(problem, forces)
+    if sets == [] or not found.residual <= RESOLVED:
+        jammed = sets == [] or squeezing_forces(contacts) is not None
+        return _solution(problem, forces, ContactStatus.JAMMED if jammed else ContactStatus.UNRESOLVED)
+    proven = proven_unique(contacts) or (sets is not None and _count(problem, sets) == 1)
+    active = active_rows(contacts, forces, found.velocity[:, NORMAL_FIRST], found.mode)
+    freedoms = load_freedoms(active)
+    if freedoms.null.shape[1]:
+        equal, off = polished(contacts, of_equal_compliances(active, freedoms, forces))
+        forces = equal if off <= RESOLVED else forces
+    if proven:
+        return _solution(problem, forces, _of_loads(active), proven=True)
+    others = sets or _other_solutions(problem, active, freedoms, forces)
+    changes = np.array([problem.L @ unknown(contacts, one) for one in [forces, *others]])
+    if _count(problem, [forces, *others]) > 1:
+        span = np.array([changes.min(axis=0), changes.max(axis=0)])
+        return _solution(problem, forces, ContactStatus.AMBIGUOUS, span=span)
+    return _solution(problem, forces, _of_loads(active))
+
+
+def _of_loads(active: ActiveRows) -> ContactStatus:
+    return ContactStatus.OK if unique_forces(active) else ContactStatus.INDETERMINATE_FORCES
+
+
+def _other_solutions(
+    problem: ContactProblem, active: ActiveRows, freedoms: LoadFreedoms, forces: list[Array]
+) -> list[list[Array]]:
+    """Return further forces that satisfy the laws: along the free loads, and from a start without forces."""
+    contacts = problem.contacts
+    starts = [[np.zeros(3) for _ in contacts]]
+    for direction in freedoms.moving.T:
+        for change in (direction, -direction):
+            most = largest_load(active, contacts, forces, change)
+            if np.isfinite(most):
+                starts += [added(active, forces, part * most * change) for part in LOADS]
+    return [found for found, off in (polished(contacts, one) for one in starts) if off <= RESOLVED]
+
+
+def _count(problem: ContactProblem, solutions: list[list[Array]]) -> int:
+    """Return how many motions the given forces cause."""
+    rows = np.concatenate([c.by_z / np.sqrt(c.gauge) for c in problem.contacts])
+    free = np.concatenate([c.free / np.sqrt(c.gauge) for c in problem.contacts])
+    motions: list[Array] = []
+    for one in solutions:
+        u = rows @ unknown(problem.contacts, one)
+        if all(np.abs(u - other).max() > SAME_MOTION * np.abs(free).max() for other in motions):
+            motions.append(u)
+    return len(motions)
+
+
+def _solution(
+    problem: ContactProblem, forces: list[Array], status: ContactStatus, span: Array | None = None, proven: bool = False
+) -> ContactSolution:
+    found = found_forces(problem, forces)
+    return ContactSolution(
+        found.force,
+        found.wrench,
+        found.change,
+        found.velocity,
+        found.mode,
+        status,
+        float(found.residual),
+        span,
+        proven,
+    )
 
 
 def _checked(

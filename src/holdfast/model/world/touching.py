@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from holdfast.model import checks
 from holdfast.model.world.shape import WorldShape
 from holdfast.names import called
 from holdfast.spatial.frozen import REQUIRED, ArrayField, Frozen, FrozenDict, frozen_property, making
+from holdfast.spatial.scalar import Array
 
 
 @called
@@ -53,18 +55,21 @@ class Candidate(NamedTuple):
 class Touching(Frozen):
     """The points and spheres of the object that may touch the world, and the shapes that they may touch.
 
-    Every point may touch every shape. What is not listed passes through: two boxes do not meet edge on edge.
+    Every point may touch every shape, unless `pairs` says which. What is not listed passes through: two boxes do not
+    meet edge on edge.
 
     Attributes:
         points: by name, points (3,) or `Sphere`s fixed in the object, object axes; `corners` lists those of a box.
         world: shapes of the world by name.
+        pairs: names (point, shape) of those that may touch, in this order; None for all.
 
     Raises:
-        ModelError: there is no point or no shape, or one is of another type.
+        ModelError: there is no point or no shape, one is of another type, or a pair is unknown.
     """
 
     points: Mapping[str, Any] = REQUIRED
     world: Mapping[str, WorldShape] = REQUIRED
+    pairs: Sequence[tuple[str, str]] | None = None
 
     def __post_init__(self) -> None:
         for what, given, example in (
@@ -85,20 +90,32 @@ class Touching(Frozen):
                 )
         object.__setattr__(self, "points", FrozenDict({n: _sphere(n, x) for n, x in self.points.items()}))
         object.__setattr__(self, "world", FrozenDict(self.world))
+        if self.pairs is not None:
+            object.__setattr__(self, "pairs", tuple(self._known(pair) for pair in self.pairs))
+
+    def _known(self, pair: Any) -> tuple[str, str]:
+        """Return a pair whose names are known."""
+        if isinstance(pair, str) or len(pair) != 2 or pair[0] not in self.points or pair[1] not in self.world:
+            raise ModelError(
+                f"touching: pairs: expected (point, shape), got {checks.short(pair)}; points are"
+                f" {', '.join(self.points)}, shapes {', '.join(self.world)}"
+            )
+        return (pair[0], pair[1])
 
     @frozen_property
     def candidates(self) -> tuple[Candidate, ...]:
-        """Every point with every shape, the points first in order; contacts are numbered so."""
-        return tuple(
-            Candidate(f"{point}/{shape}", sphere, of)
-            for point, sphere in self.points.items()
-            for shape, of in self.world.items()
-        )
+        """The pairs, or every point with every shape, the points first in order; contacts are numbered so."""
+        pairs = product(self.points, self.world) if self.pairs is None else self.pairs
+        return tuple(Candidate(f"{point}/{shape}", self.points[point], self.world[shape]) for point, shape in pairs)
 
     @frozen_property
     def names(self) -> tuple[str, ...]:
         """The names of the candidates, "point/shape"."""
         return tuple(candidate.name for candidate in self.candidates)
+
+    def names_of(self, chosen: Array) -> tuple[str, ...]:
+        """Return the names of some candidates, given by a mask (k,)."""
+        return tuple(name for name, one in zip(self.names, chosen, strict=True) if one)
 
 
 def corners(x: float, y: float, z: float) -> dict[str, ArrayLike]:
