@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from holdfast.control.controller import Controller, torques_and_memory
+from holdfast.dynamics.contact.fixed_modes import ContactModes, Touch, touch_at
 from holdfast.dynamics.energy import power
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.result import ForwardResult
@@ -40,6 +41,7 @@ class Instant:
         memory: the memory that the controller has returned.
         result: result of forward dynamics.
         power: (4,) in the order of `balance.WORK_TERMS` [W].
+        touch: the contacts with the world, whose forces are among the inputs; None without any.
     """
 
     t: float
@@ -50,6 +52,7 @@ class Instant:
     memory: Any
     result: ForwardResult
     power: Array
+    touch: Touch | None = None
 
     @property
     def joints(self) -> tuple[Array, Array, Array]:
@@ -131,6 +134,7 @@ def evaluate(
     generic_rank: int | None = None,
     held: Array | None = None,
     implicit: Implicit | None = None,
+    modes: ContactModes | None = None,
 ) -> Instant:
     """Return the chain at one time and state.
 
@@ -143,6 +147,7 @@ def evaluate(
         generic_rank: as for `forward_dynamics`.
         held: as for `forward_dynamics`.
         implicit: additional armatures and torques in a stage of a linearly implicit step.
+        modes: what the contacts with the world do; None without any.
 
     Raises:
         SingularChainError: the constraint loses rank, or its condition number exceeds 1e12.
@@ -155,11 +160,23 @@ def evaluate(
     net, solved = tau - friction, chain
     if implicit is not None:
         net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
-    found = forward_dynamics(solved, state, net, inputs=inputs, check=False, generic_rank=generic_rank, held=held)
+    how: Any = {"check": False, "generic_rank": generic_rank, "held": held}
+    found, touch = forward_dynamics(solved, state, net, inputs=inputs, **how), None
+    if modes is not None:
+        touch = touch_at(solved, state, found.object_acceleration, modes, found.held)
+        inputs = with_wrench(inputs, touch.rows.wrench(touch.force))
+        if touch.force.any():
+            found = forward_dynamics(solved, state, net, inputs=inputs, **how)
     if not found.condition <= WORST_CONDITION:
         raise SingularChainError(
             f"the grasp constraint is nearly singular: condition {found.condition:.3g}, expected <="
             f" {WORST_CONDITION:g}; try another configuration or another grasp"
         )
     powers = work_rates(power(chain, state, tau, found, inputs), friction, state.qd)
-    return Instant(t, state, chain, inputs, tau, memory, found, powers)
+    return Instant(t, state, chain, inputs, tau, memory, found, powers, touch)
+
+
+def with_wrench(inputs: Inputs, wrench: Array) -> Inputs:
+    """Return inputs with a further wrench (6,) on the object, about C."""
+    given = inputs.object_wrench
+    return replace(inputs, object_wrench=wrench if given is None else given + wrench)

@@ -13,7 +13,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.stops import ALIKE
-from holdfast.simulation.trajectory import BASE_FIELDS, LOWEST, TRUNK_FIELDS, Trajectory, array_names, joined, part_of
+from holdfast.simulation.trajectory import BASE_FIELDS, LOWEST, TOUCH_FIELDS, TRUNK_FIELDS, Trajectory, array_names, joined, part_of
 from holdfast.spatial.scalar import Array
 
 EVERYTHING, STATES = "everything", "states"
@@ -78,6 +78,7 @@ def record_settings(record: str | Sequence[str], every: int, step: float, chain:
             raise ModelError(f"simulation: record: no array {checks.short(name)}.{alike}")
     empty = TRUNK_FIELDS if chain.trunk is None else () if chain.trunk.floating else BASE_FIELDS
     empty = (*empty, *(() if chain.all_couplings else ("coupling_force",)))
+    empty = (*empty, *(() if chain.touching else TOUCH_FIELDS))
     found = {"t", *listed, *empty, *(lowest for lowest, others in LOWEST.items() if not {*listed}.isdisjoint(others))}
     return RecordSettings(tuple(name for name in known if name in found), int(every), step)
 

@@ -77,7 +77,7 @@ def reduced_contacts(
         compliance: (k,) 0 for rigid contacts.
         slide: (k, 2) unit direction t of contacts that slide already, else 0.
     """
-    d, w = largest_first(mobility, np.diag(mobility))
+    d, w = largest_first(mobility, np.diag(mobility) + TINY)  # a null row must not be chosen first
     L = array([sqrt(pivot) * column for pivot, column in zip(d, w, strict=True)]).T
 
     def reduced(C: Array) -> tuple[Array, Scalar]:
