@@ -100,7 +100,8 @@ def bars(problems: int, clarabel_share: int = 5) -> None:
                 one = drawn(rng, k, most)
                 problem = contact_problem(*one, np.zeros(k), np.zeros((k, 2)), False)
                 start, forces, off, tried = time.perf_counter(), [], np.inf, {}
-                for way, forces, off in ways(problem):
+                for way, found, off in ways(problem):
+                    forces = found
                     spent += (time.perf_counter() - start) * (way == "fast")
                     tried[way] = off
                     if off <= RESOLVED:

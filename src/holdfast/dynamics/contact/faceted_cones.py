@@ -4,8 +4,8 @@ With unit directions d_i that span the tangent plane positively, forces n c + su
 
     0 <= c _|_ u_n >= 0,    0 <= beta_i _|_ gamma + d_i . u_t >= 0,    0 <= gamma _|_ mu c - sum beta >= 0
 
-a linear complementarity problem with a copositive matrix, whose solution exists for a world at rest. The facets are then
-turned and narrowed about the directions of friction that were found, and the problem is solved again.
+a linear complementarity problem with a copositive matrix, whose solution exists for a world at rest. The facets are
+then turned and narrowed about the directions of friction that were found, and the problem is solved again.
 
 References: Stewart and Trinkle, "An implicit time-stepping scheme", 1996; Cottle, Pang and Stone, "The Linear
 Complementarity Problem", 1992, section 4.4.
