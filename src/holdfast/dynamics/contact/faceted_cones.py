@@ -14,6 +14,7 @@ Complementarity Problem", 1992, section 4.4.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,39 +22,55 @@ from holdfast.dynamics.contact.contact_law import ReducedContact
 from holdfast.spatial.scalar import Array
 
 FACETS = 8
-NARROWED = (
-    0.5,
-    0.25,
-    0.1,
-    0.04,
-    0.016,
-    0.006,
-    0.0025,
-    0.001,
-)  # rad, half the angle of the facets about the friction that was found
+WIDEST = 0.5  # half the angle of fine directions [rad]
+NARROWER, WIDER = 0.35, 1.5  # its changes
+ROUNDS = 20
 DISTURBED = (0.0, 1e-9, 1e-7, 1e-5)  # of the right-hand side, where a pivot is lost in rounding
 MOST_PIVOTS = 2000
 NO_PIVOT = 1e-11
 
 
+class _Fan(NamedTuple):
+    """Directions of friction of one contact: fine ones within `width` about `middle`, and coarse ones around.
+
+    Attributes:
+        middle: angle in the tangent plane [rad].
+        width: half the angle of the fine ones [rad]; None for directions evenly all around.
+    """
+
+    middle: float = 0.0
+    width: float | None = None
+
+    @property
+    def directions(self) -> Array:
+        """Unit vectors (m, 2) that span the plane positively."""
+        if self.width is None:
+            angles = np.arange(FACETS) * (2.0 * np.pi / FACETS)
+        else:
+            fine = self.width * np.array([-1.0, -1.0 / 3.0, 1.0 / 3.0, 1.0])
+            angles = self.middle + np.concatenate([fine, np.pi * np.array([-0.5, 0.5, 1.0])])
+        return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+    def about(self, force: Array) -> _Fan:
+        """Return a narrower fan about a friction force; a wider one where it left the fine directions."""
+        if not force[1:].any():
+            return self
+        middle = float(np.arctan2(force[2], force[1]))
+        if self.width is None:
+            return _Fan(middle, WIDEST)
+        off = abs((middle - self.middle + np.pi) % (2.0 * np.pi) - np.pi)
+        return _Fan(middle, self.width * NARROWER if off < 0.99 * self.width else min(WIDEST, self.width * WIDER))
+
+
 def faceted_forces(contacts: Sequence[ReducedContact]) -> Iterator[list[Array]]:
     """Yield forces, axes [n, t1, t2], that obey the laws with facets, each time with narrower ones; floats only."""
-    angles = [np.arange(FACETS) * (2.0 * np.pi / FACETS) for _ in contacts]
-    for width in (*NARROWED, None):
-        forces = _solved(contacts, [np.stack([np.cos(a), np.sin(a)], axis=1) for a in angles])
+    fans = [_Fan() for _ in contacts]
+    for _ in range(ROUNDS):
+        forces = _solved(contacts, [fan.directions for fan in fans])
         if forces is None:
             return
         yield forces
-        if width is not None:
-            angles = [_about(x, old, width) for x, old in zip(forces, angles, strict=True)]
-
-
-def _about(force: Array, old: Array, width: float) -> Array:
-    """Return angles of facets about the direction of a friction force; the old ones where there is none."""
-    if not force[1:].any():
-        return old
-    near = width * np.array([-1.0, -1.0 / 3.0, 1.0 / 3.0, 1.0])
-    return np.arctan2(force[2], force[1]) + np.concatenate([near, np.pi * np.array([-0.5, 0.5, 1.0])])
+        fans = [fan.about(x) for fan, x in zip(fans, forces, strict=True)]
 
 
 def _solved(contacts: Sequence[ReducedContact], directions: Sequence[Array]) -> list[Array] | None:

@@ -17,7 +17,7 @@ from holdfast.dynamics.contact.contact_forces import (
 from holdfast.dynamics.contact.contact_law import NORMAL_FIRST, unknown
 from holdfast.dynamics.contact.faceted_cones import faceted_forces
 from holdfast.dynamics.contact.gauss_seidel import swept_forces
-from holdfast.dynamics.contact.interior_path import CAUTIOUS
+from holdfast.dynamics.contact.interior_path import CAUTIOUS, path_forces
 from holdfast.dynamics.contact.proximal_newton import polished
 from holdfast.dynamics.contact.solved_contacts import ContactSolution, ContactStatus
 from holdfast.dynamics.contact.uniqueness import (
@@ -37,6 +37,8 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
+SOFT = 1e-8  # compliance of all contacts, relative to their mobilities
+PATIENT = (1e-1,) * 5 + (1e-2,) * 10 + (1e-3, 1e-3, 1e-4, 1e-4)  # compliances of Newton's steps after it
 LOADS = (1.0, 0.5)  # of the largest change of loads that keeps the forces in their cones
 SAME_MOTION = 1e-7  # motions that differ less, relative to the free velocities, are one
 
@@ -97,6 +99,8 @@ def ways(problem: ContactProblem, start: Array | None = None) -> Iterator[tuple[
         yield "warm", *polished(contacts, [np.roll(x, 1) for x in start])
     yield "fast", *cold_forces(problem)
     yield "careful", *cold_forces(problem, CAUTIOUS)
+    soft = [c._replace(compliance=c.compliance + SOFT * c.gauge) for c in contacts]  # internal forces stay finite
+    yield "soft", *polished(contacts, path_forces(soft, CAUTIOUS, True), PATIENT)
     for forces in faceted_forces(contacts):
         yield "facets", *polished(contacts, forces)
     yield "sweeps", *polished(contacts, swept_forces(contacts))

@@ -18,8 +18,8 @@ finds: such forces squeeze the chain where it cannot give way. For contacts that
 n - mu t, all 2^k sets of pressing contacts of the linear complementarity problem are tried.
 
 **Proof of uniqueness.** Two solutions satisfy |dz|^2 <= |dlambda_n . d(mu |u_t|)|, and |dlambda_n| <= |dz| / sqrt(s), s
-the least eigenvalue of G_nn - G_nt G_tt^-1 G_tn, G = B B^T. Therefore |diag(mu) B_t| < sqrt(s) proves that there is
-only one.
+the least eigenvalue of G_nn - G_nt G_tt^-1 G_tn, G = B B^T with the rows along which forces can act, if these are
+independent. Therefore |diag(mu) B_t| < sqrt(s) proves that there is only one.
 
 References: Lawson and Hanson, "Solving Least Squares Problems", 1974, ch. 23; Cottle, Pang and Stone, "The Linear
 Complementarity Problem", 1992; docs/theory/contact_with_the_world.md.
@@ -163,15 +163,15 @@ def proven_unique(contacts: Sequence[ReducedContact]) -> bool:
         rest = any(c.friction > 0.0 for c in contacts)
         least = float(np.linalg.eigvalsh(A + A.T)[0])
         return not rest and least > NULL * float(np.abs(A).max())
-    mu = np.array([float(c.friction) for c in contacts])
-    if not mu.any():
+    rubbing = [c for c in contacts if c.friction > 0.0]
+    if not rubbing:
         return True
-    n, t = np.array([c.by_z[0] for c in contacts]), np.concatenate([c.by_z[1:] for c in contacts])
-    G = t @ t.T
-    if 3 * len(contacts) > len(n[0]) or _rank(np.concatenate([n, t])) < 3 * len(contacts):
+    mu = np.repeat([float(c.friction) for c in rubbing], 2)
+    n, t = np.array([c.by_z[0] for c in contacts]), np.concatenate([c.by_z[1:] for c in rubbing])
+    if len(n) + len(t) > n.shape[1] or _rank(np.concatenate([n, t])) < len(n) + len(t):
         return False
-    S = n @ n.T - (n @ t.T) @ np.linalg.solve(G, t @ n.T)
-    return float(np.linalg.norm(np.repeat(mu, 2)[:, None] * t, 2)) ** 2 < float(np.linalg.eigvalsh(S)[0])
+    S = n @ n.T - (n @ t.T) @ np.linalg.solve(t @ t.T, t @ n.T)
+    return float(np.linalg.norm(mu[:, None] * t, 2)) ** 2 < float(np.linalg.eigvalsh(S)[0])
 
 
 def squeezing_forces(contacts: Sequence[ReducedContact]) -> Array | None:
