@@ -194,6 +194,8 @@ class Ladder(ContactMotion, tag="ladder"):
     angle: float
     rate: float
 
+    step: ClassVar[float] = 0.005
+
     def chain(self) -> ClosedChain:
         """Return the rod between wall and floor."""
         across = self.mass * self.half_length**2 / 3.0
@@ -238,6 +240,8 @@ class BoxTips(ContactMotion, tag="box_tips"):
     mu: float
     rate: float
 
+    step: ClassVar[float] = 0.005
+
     def chain(self) -> ClosedChain:
         """Return the box on a floor."""
         edges = [2.0 * half for half in self.half]
@@ -274,6 +278,8 @@ class ArmStrikesWall(ContactMotion, tag="arm_strikes_wall"):
     restitution: float
     wall_angle: float
     start_angle: float
+
+    step: ClassVar[float] = 0.005
 
     def chain(self) -> ClosedChain:
         """Return the arm, the ball in its hand, and the wall."""
