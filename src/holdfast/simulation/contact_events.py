@@ -24,7 +24,8 @@ from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.segment import Segment
 from holdfast.spatial.scalar import Array
 
-WAYS = ("events",)
+EVENTS = "events"
+WAYS = (EVENTS,)
 MOST_AT_ONCE = 100  # entries of the log within `AT_ONCE`
 AT_ONCE = 1e-9  # s
 
