@@ -215,7 +215,7 @@ def simulate(
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
 
     verified = EVALUATIONS if joint_limits(chain).limited.any() else 1
-    calls = 0 if forest else len(ends.times) * (1 if hold else len(named.c) * verified)
+    calls = 0 if forest or chain.touching is not None else len(ends.times) * (1 if hold else len(named.c) * verified)
     options = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
     options |= {} if chain.touching is None else {"contacts": contacts or EVENTS}
