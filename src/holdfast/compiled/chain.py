@@ -30,7 +30,7 @@ from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import Forest
-from holdfast.model.serial_chain import answered_as_forest, require_unused
+from holdfast.model.serial_chain import answered_as_forest, require_unused, without_contacts
 from holdfast.names import called, unknown_attribute
 from holdfast.questions.question import QUESTIONS
 
@@ -111,6 +111,7 @@ def compile(
         _ = compiled.function.calls
         return compiled  # pyright: ignore[reportReturnType]
     checks.instance(chain, ClosedChain, "compile: chain")
+    without_contacts(chain, "compile", arms=True)
     require_rank(generic_rank, chain, "compile")
     checks.instance(method, str, "compile: method", MethodNotApplicable)
     if dtype != "float64":

@@ -30,7 +30,7 @@ from holdfast.questions.question import Question
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum, scan
-from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench
+from holdfast.spatial.spatial_vector import rotate, shift_twist
 from holdfast.spatial.vector import largest
 from holdfast.state import Inputs, State
 
@@ -55,7 +55,7 @@ class Change(NamedTuple):
 
 
 def constraint_impulses(
-    motion: ChainMotion, contacts: list[Contact], mismatch: list[Array], push: Array | None = None
+    motion: ChainMotion, contacts: list[Contact], mismatch: list[Array]
 ) -> tuple[Change, list[Array]]:
     """Return the change of velocities that removes a mismatch at the grasps, and the corresponding impulses.
 
@@ -64,7 +64,6 @@ def constraint_impulses(
         contacts: the grasps at which tip and object shall agree along the transmitted directions.
         mismatch: per grasp, (6,) tip side minus object side about the contact point,
             world axes; only its transmitted part counts.
-        push: (6,) impulse on the object about C, world axes; None for none.
 
     Returns:
         The change, and per grasp the impulse of the arm on the object.
@@ -74,10 +73,7 @@ def constraint_impulses(
     still = motion.at_rest_with(each(lambda c: replace(c, a=none, g=none), contacts))
     lone = each(lambda arm: gap_response(arm, none), [motion.arms[name] for name in motion.lone_on_trunk])
     of_arms = dict(zip([*chain.grasps, *motion.lone_on_trunk], [*tips, *lone], strict=True))
-    body = still.body.free
-    if push is not None:
-        body = body._replace(wrench=shift_wrench(-body.centre, push))
-    whole = chain_elimination(chain, still.contacts, of_arms, body, still.trunk)
+    whole = chain_elimination(chain, still.contacts, of_arms, still.body.free, still.trunk)
     alpha, impulses = whole.object_acceleration, whole.wrenches
     changes = {name: np.zeros(arm.joint_count) for name, arm in chain.arms.items()}
     if whole.trunk is None:
@@ -90,17 +86,6 @@ def constraint_impulses(
         tip, impulse = of_arm[name]
         changes[name] = tip.back_substitute(impulse, whole.columns.get(name))[0]
     return Change(concatenate([whole.trunk.qdd, *changes.values()]), alpha, whole.trunk.base), impulses
-
-
-def pushed(motion: ChainMotion, push: Array) -> Change:
-    """Return the change of velocities by an impulse on the object, (6,) about C, world axes; grasps share it.
-
-    Args:
-        motion: the chain at its configuration; its velocities are ignored.
-        push: the impulse [N m s, N s].
-    """
-    none = [np.zeros(6)] * len(motion.contacts)
-    return constraint_impulses(motion, motion.contacts, none, push)[0]
 
 
 def gap_response(arm: ArmMotion, gap: Array) -> TipResponse:

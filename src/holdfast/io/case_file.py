@@ -16,6 +16,7 @@ from holdfast.errors import SceneError
 from holdfast.io import case_data, typed
 from holdfast.io.case_mechanism import mechanism
 from holdfast.io.contact_case import ContactCase, is_contact_case, parse_contact_case
+from holdfast.io.contact_motion import AnyMotion, ContactMotion
 from holdfast.io.files import file_path
 from holdfast.io.force_case import ForceCase, build_force_case
 from holdfast.io.force_case_data import ForceCaseData
@@ -55,7 +56,7 @@ class Case:
     expected: case_data.CaseExpected | None
 
 
-AnyCase = Case | ContactCase | ForceCase | ForestCase
+AnyCase = Case | ContactCase | ContactMotion | ForceCase | ForestCase
 
 
 def load_cases(path: str | PathLike[str]) -> list[AnyCase]:
@@ -108,6 +109,10 @@ def _case(item: Any, source: str, root: str) -> AnyCase:
     """Return one problem: of a forest, a question about forces, or of forward dynamics of arms and an object."""
     if isinstance(item, dict) and "bodies" in item:
         return build_forest_case(typed.convert(item, ForestCaseData, source, root), source, root)
+    if isinstance(item, dict) and item.get("kind") == "trajectory":
+        motion: ContactMotion = typed.convert(item, AnyMotion, source, root)  # pyright: ignore[reportArgumentType]
+        motion.check(Location(source, root))
+        return motion
     if is_contact_case(item):
         return parse_contact_case(item, source, root, _grasp)
     if isinstance(item, dict) and "question" in item:

@@ -6,13 +6,14 @@ Every kind says how its chain and state are built, and how its answers are read 
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import msgspec
 import numpy as np
 from scipy.optimize import brentq
 
 from holdfast.io.typed import Location
+from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -43,12 +44,13 @@ class ContactMotion(msgspec.Struct, tag_field="motion", forbid_unknown_fields=Tr
     """
 
     name: str
-    kind: str = "trajectory"
+    kind: Literal["trajectory"] = "trajectory"
     what: str = ""
     gravity: float = 9.81
-    expected: dict[str, Any] = {}
+    expected: dict[str, float | list[float]] = {}
 
     step: ClassVar[float] = 0.01
+    answers: ClassVar[tuple[str, ...]] = ()
 
     def chain(self) -> ClosedChain:
         """Return the chain."""
@@ -67,6 +69,20 @@ class ContactMotion(msgspec.Struct, tag_field="motion", forbid_unknown_fields=Tr
         """Return the answers that a run gives, by the names of `expected`."""
         raise NotImplementedError
 
+    def check(self, at: Location) -> None:
+        """Refuse parameters of which no chain or state can be made, and answers that the motion does not have.
+
+        Raises:
+            SceneError: naming the first.
+        """
+        for name in self.expected:
+            if name not in self.answers:
+                raise (at / "expected" / name).refuse(f"expected one of {', '.join(self.answers)}")
+        with at.refusals():
+            self.chain()
+            self.state()
+            checks.number(self.duration, "duration", above=0.0)
+
     def free(self, body: HeldObject, touching: Touching) -> ClosedChain:
         """Return the chain of a free object."""
         return ClosedChain({}, body, {}, gravity=[0.0, 0.0, -self.gravity], touching=touching)
@@ -82,6 +98,7 @@ class BlockOnSlope(ContactMotion, tag="block_on_slope"):
     speed: float
 
     step: ClassVar[float] = 0.02
+    answers: ClassVar[tuple[str, ...]] = ("stop_time", "stop_distance", "force_on_slope_while_it_slides")
 
     @property
     def _R(self) -> Array:
@@ -124,6 +141,8 @@ class BallSlidesThenRolls(ContactMotion, tag="ball_slides_then_rolls"):
     mu: float
     speed: float
 
+    answers: ClassVar[tuple[str, ...]] = ("rolls_from", "speed_rolling", "spin_rolling", "time", "travelled")
+
     def chain(self) -> ClosedChain:
         """Return the ball on a floor."""
         touching = Touching({"ball": Sphere(radius=self.radius)}, {"floor": HalfSpace(friction=self.mu)})
@@ -159,6 +178,7 @@ class BouncingBall(ContactMotion, tag="bouncing_ball"):
     mu: float
 
     step: ClassVar[float] = 0.1
+    answers: ClassVar[tuple[str, ...]] = ("touches", "height_after_each", "comes_to_rest_at")
 
     def chain(self) -> ClosedChain:
         """Return the ball above a floor."""
@@ -193,6 +213,9 @@ class Ladder(ContactMotion, tag="ladder"):
     from_rest_at: float
     angle: float
     rate: float
+
+    step: ClassVar[float] = 0.005
+    answers: ClassVar[tuple[str, ...]] = ("leaves_after", "angle", "rate", "centre_speed_x", "floor_force")
 
     def chain(self) -> ClosedChain:
         """Return the rod between wall and floor."""
@@ -238,6 +261,9 @@ class BoxTips(ContactMotion, tag="box_tips"):
     mu: float
     rate: float
 
+    step: ClassVar[float] = 0.005
+    answers: ClassVar[tuple[str, ...]] = ("angle", "time", "rate", "energy_lost")
+
     def chain(self) -> ClosedChain:
         """Return the box on a floor."""
         edges = [2.0 * half for half in self.half]
@@ -274,6 +300,11 @@ class ArmStrikesWall(ContactMotion, tag="arm_strikes_wall"):
     restitution: float
     wall_angle: float
     start_angle: float
+
+    step: ClassVar[float] = 0.005
+    answers: ClassVar[tuple[str, ...]] = (
+        "first_touch", "rate_before", "rate_after", "impulse", "highest_angle_after", "second_touch",
+    )  # fmt: skip
 
     def chain(self) -> ClosedChain:
         """Return the arm, the ball in its hand, and the wall."""
@@ -326,31 +357,6 @@ def error_of(motion: ContactMotion, found: dict[str, Any]) -> float | None:
         x, y = np.atleast_1d(np.array(found[name], float)), np.atleast_1d(np.array(wanted, float))
         off.append(math.inf if x.shape != y.shape else float(np.abs(x - y).max() / (np.abs(y).max() or 1.0)))
     return max(off) if motion.expected else None
-
-
-def require_answers(motion: ContactMotion, at: Location) -> None:
-    """Refuse expected answers that the motion does not have.
-
-    Raises:
-        SceneError: naming the first.
-    """
-    if motion.kind != "trajectory":
-        raise (at / "kind").refuse(f"expected 'trajectory', got {motion.kind!r}")
-    for name in motion.expected:
-        if name not in ANSWERS[type(motion).__name__]:
-            raise (at / "expected" / name).refuse(f"expected one of {', '.join(ANSWERS[type(motion).__name__])}")
-
-
-ANSWERS = {
-    "BlockOnSlope": ("stop_time", "stop_distance", "force_on_slope_while_it_slides"),
-    "BallSlidesThenRolls": ("rolls_from", "speed_rolling", "spin_rolling", "time", "travelled"),
-    "BouncingBall": ("touches", "height_after_each", "comes_to_rest_at"),
-    "Ladder": ("leaves_after", "angle", "rate", "centre_speed_x", "floor_force"),
-    "BoxTips": ("angle", "time", "rate", "energy_lost"),
-    "ArmStrikesWall": (
-        "first_touch", "rate_before", "rate_after", "impulse", "highest_angle_after", "second_touch",
-    ),
-}  # fmt: skip
 
 
 def _first(run: Trajectory, kind: str) -> float:

@@ -23,9 +23,9 @@ from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.segment import Segment
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import shift_wrench
 
-WAYS = ("events",)
+EVENTS = "events"
+WAYS = (EVENTS,)
 MOST_AT_ONCE = 100  # entries of the log within `AT_ONCE`
 AT_ONCE = 1e-9  # s
 
@@ -109,8 +109,9 @@ def with_modes(
     found = decided(free.chain, origin.state, accelerate, held, by)
     rows = contact_rows(touching, found.state.object_frame, found.state.object_twist)
     news = _log(origin.t, touching.names, None if before is None else before.modes, found)
-    impulse = shift_wrench(origin.state.object_frame.p, found.wrench)
-    sums = sums._replace(impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + impulse)
+    sums = sums._replace(
+        impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + found.outer_impulse
+    )
     segment = replace(segment, contacts=found.modes, least_gap=np.minimum(rows.gap, 0.0))
     return segment, replace(origin, state=found.state), sums, news
 

@@ -15,7 +15,7 @@ from holdfast.simulation.environment import inputs_at
 from holdfast.simulation.instant import Instant, evaluate, with_wrench
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.step import EvaluationRequest, Gaps, ProjectionRequest, StageRequest, back_on_constraint
-from holdfast.simulation.stepper import ReferenceStepper
+from holdfast.simulation.stepper import NO_GAPS, ReferenceStepper
 from holdfast.spatial.frozen import NOT_GIVEN
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
@@ -55,8 +55,12 @@ class ContactStepper(ReferenceStepper):
         held, modes = now.result.held, self.modes if now.touch is None else now.touch.modes
         if isinstance(request, ProjectionRequest):
             chain, inputs = self.environment.at(request.t, request.state)
-            state, gaps = back_on_constraint(self.environment, request.t, request.state, held)
+            state, gaps = request.state, NO_GAPS
+            if chain.grasps:
+                state, gaps = back_on_constraint(self.environment, request.t, request.state, held)
             closed = on_contacts(chain, state, modes, held)
+            if not chain.grasps:
+                return closed, gaps
             after = largest_gaps(chain, closed, inputs.shaped(chain))
             both = (gaps.position[0], after.position), (gaps.velocity[0], after.velocity)
             return closed, Gaps(*(np.array(pair) for pair in both))

@@ -22,6 +22,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import increment_rate, twists
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.linearly_implicit import Implicit, with_armature
+from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -161,9 +162,10 @@ def evaluate(
     if implicit is not None:
         net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
     how: Any = {"check": False, "generic_rank": generic_rank, "held": held}
+    solved = changed(solved, touching=None)  # contacts act by their modes
     found, touch = forward_dynamics(solved, state, net, inputs=inputs, **how), None
     if modes is not None:
-        touch = touch_at(solved, state, found.object_acceleration, modes, found.held)
+        touch = touch_at(chain, state, found.object_acceleration, modes, found.held)
         inputs = with_wrench(inputs, touch.rows.wrench(touch.force))
         if touch.force.any():
             found = forward_dynamics(solved, state, net, inputs=inputs, **how)

@@ -139,7 +139,7 @@ def recorded(
         "tau": x["drive"],
         "object_pose": x["object_pose"],
         "object_twist": x["object_twist"],
-        "holding": np.tile([name in chain.grasps for name in chain.names], (k, 1)),
+        "holding": np.tile(np.array([name in chain.grasps for name in chain.names], dtype=bool), (k, 1)),
         "margin": now,
         "best_margin": best,
         "worst_margin": worst,

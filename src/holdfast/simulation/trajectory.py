@@ -347,7 +347,8 @@ _RUN_ROWS = (
         " with c times this"),
     Row("base_impulse", (6,), "N m s, N s", "[angular; linear] impulses of the bases and of the world that the object"
         " touches, in impacts since the start, about the world's origin, world axes"),
-    Row("touch_force", ("touches", 3), "N", "force of the world on the object at each contact, world axes"),
+    Row("touch_force", ("touches", 3), "N", "force of the world on the object at each contact, world axes",
+        labels=("x", "y", "z")),
     Row("touch_gap", ("touches",), "m", "gap of each contact"),
     Row("touch_mode", ("touches",), "", "what each contact does: 0 open, 1 sticks, 2 slips, 3 closed without friction"),
 )  # fmt: skip

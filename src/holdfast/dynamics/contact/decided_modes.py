@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import chain_at_rest
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_at_rest
+from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.sequential import rest_response
 from holdfast.dynamics.contact.collision import Collision, impact
@@ -23,11 +24,13 @@ from holdfast.dynamics.contact.fixed_modes import ContactModes, on_contacts
 from holdfast.dynamics.contact.rows import contact_rows
 from holdfast.dynamics.contact.solve_contacts import solve_contacts
 from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactSolution, ContactStatus
-from holdfast.dynamics.projection import pushed, quickened
+from holdfast.dynamics.contact.touch import impulse_response
+from holdfast.dynamics.projection import quickened
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
 
 NEAR = 1e-9  # m: contacts this close are closed
@@ -62,7 +65,7 @@ class Decision(Frozen):
         state: with the velocities after impacts.
         modes: the modes from here on.
         impulse: (k, 3) of the world on the object, world axes [N s].
-        wrench: (6,) their sum about C, world axes.
+        outer_impulse: (6,) impulse of the world, at contacts and bases, about the world's origin [N m s, N s].
         energy_change: change of the kinetic energy by impulses [J].
         jammed: whether an impulse without a collision acted.
         rebounding: (k,) how much longer ever smaller rebounds would go on that are left out, because they are slow: the
@@ -73,7 +76,7 @@ class Decision(Frozen):
     state: State
     modes: ContactModes
     impulse: Array
-    wrench: Array
+    outer_impulse: Array
     energy_change: float
     jammed: bool
     rebounding: Array
@@ -103,6 +106,7 @@ def decided(
     reached = Reached([], [], {}) if reached is None else reached
     near[reached.touched] = True
     closed = np.flatnonzero(near)
+    base = np.zeros(6)
     total, slow, change, jammed, jams = np.zeros((k, 3)), np.zeros(k), 0.0, False, False
     for _ in range(1 + JAMS):
         rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
@@ -121,7 +125,9 @@ def decided(
             slow[closed] = np.where(left_out, -before[:, 2], slow[closed])
             total[closed] += np.einsum("kia,ki->ka", rows.axes[closed], found.impulse)
             change += found.energy_change
-            state = quickened(state, pushed(motion, found.wrench))
+            jump, solution = impulse_response(motion, state, found.wrench)
+            base += _base_impulse(motion, solution)
+            state = quickened(state, jump)
             u = rows.velocity(state.object_twist)
         stays = closed[np.abs(u[closed, 2]) < 10.0 * APPROACHES]
         state, mode, slip, solution = _accelerated(chain, state, accelerate, held, stays, P, reached)
@@ -134,10 +140,20 @@ def decided(
     pull = -(rows.C @ accelerate(state) + rows.drift)[:, 2] if slow.any() else np.ones(k)
     e = np.where(still, rows.restitution, 0.0)
     rebounding = np.where((slow > 0.0) & (pull > 0.0), 2.0 * slow * e / (np.maximum(pull, 1e-300) * (1.0 - e)), 0.0)
-    wrench = np.zeros(6)
     for l, p in zip(rows.point, total, strict=True):
-        wrench += np.concatenate([np.cross(l, p), p])
-    return Decision(state, ContactModes(mode, slip), total, wrench, change, jams, rebounding, solution.status)
+        base += np.concatenate([np.cross(state.object_frame.p + l, p), p])
+    return Decision(state, ContactModes(mode, slip), total, base, change, jams, rebounding, solution.status)
+
+
+def _base_impulse(motion: ChainMotion, found: Solution) -> Array:
+    """Return the impulse of all bases on the chain about the world's origin, (6,)."""
+    chain, whole, total = motion.chain, chain_solution(motion, found, "auto"), np.zeros(6)
+    for (name, arm), impulse in zip(chain.arms.items(), whole.base_wrench, strict=True):
+        if name not in chain.mounted_on:
+            total += shift_wrench(arm.base.p, impulse)
+    if chain.trunk is not None and whole.trunk_base_wrench is not None and not chain.floats:
+        total += shift_wrench(chain.trunk.base.p, whole.trunk_base_wrench)
+    return total
 
 
 def _accelerated(

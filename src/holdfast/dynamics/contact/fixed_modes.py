@@ -21,7 +21,8 @@ from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.sequential import rest_response
 from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.solved_contacts import ContactMode
-from holdfast.dynamics.projection import displaced_by, pushed, quickened
+from holdfast.dynamics.contact.touch import impulse_response
+from holdfast.dynamics.projection import displaced_by, quickened
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
@@ -148,12 +149,12 @@ def on_contacts(
             break
         motion = holding(chain_at_rest(chain, state), held, positions=True)
         push = _removing(motion, rows.C[closed, 2], rows.gap[closed])
-        state = displaced_by(state, pushed(motion, push))
+        state = displaced_by(state, impulse_response(motion, state, push)[0])
     rows = contact_rows(touching, state.object_frame, state.object_twist)
     of, axis = modes.imposed(rows)
     motion = holding(chain_at_rest(chain, state), held)
     push = _removing(motion, rows.C[of, axis], rows.velocity(state.object_twist)[of, axis])
-    return quickened(state, pushed(motion, push))
+    return quickened(state, impulse_response(motion, state, push)[0])
 
 
 def _removing(motion: ChainMotion, A: Array, gap: Array) -> Array:

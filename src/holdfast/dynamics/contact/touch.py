@@ -102,7 +102,7 @@ def touch(chain: ClosedChain, state: State, *, inputs: Inputs | None = None) -> 
     _require_impulses(hit, chain, closed)
     impulses, modes = np.zeros((len(closed), 3)), np.zeros(len(closed), int)
     impulses[closed], modes[closed] = hit.impulse, hit.mode
-    change, found = _response(still, state, hit.wrench)
+    change, found = impulse_response(still, state, hit.wrench)
     status = Status.OK
     if rank < chain.constraint_row_count:
         status, found = Status.INDETERMINATE_FORCES, with_smallest_forces(still, found)
@@ -130,7 +130,7 @@ def touch(chain: ClosedChain, state: State, *, inputs: Inputs | None = None) -> 
     )
 
 
-def _response(still: ChainMotion, state: State, wrench: Array) -> tuple[Change, Solution]:
+def impulse_response(still: ChainMotion, state: State, wrench: Array) -> tuple[Change, Solution]:
     """Return the change of the velocities by an impulse on the object, and the solution with the grasps' impulses."""
     found = sequential(pushed(still, state.at_rest(), wrench))
     of_chain = chain_solution(still, found, "auto")
