@@ -143,14 +143,16 @@ def from_clarabel(one: Drawn, change: Array, problem: Any) -> float:
     A = -(D[:, :, None] * B[:, [2, 0, 1]]).reshape(3 * k, 6)
     h = D * one.free[:, [2, 0, 1]]
     h[:, 0] += slip * D[:, 0]
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
-    cones = [clarabel.SecondOrderConeT(3)] * k
-    csc = scipy.sparse.csc_matrix
-    unit = max(np.abs(h).max(), 1e-30)
-    solver = clarabel.DefaultSolver(csc(np.eye(6)), np.zeros(6), csc(A), h.ravel() / unit, cones, settings)
-    z = np.array(solver.solve().x) * unit
+    unit, z = max(np.abs(h).max(), 1e-30), np.full(6, np.nan)
+    for tolerance in (1e-12, 1e-11, 1e-10):  # the least that it reaches
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+        csc, cones = scipy.sparse.csc_matrix, [clarabel.SecondOrderConeT(3)] * k
+        found = clarabel.DefaultSolver(csc(np.eye(6)), np.zeros(6), csc(A), h.ravel() / unit, cones, settings).solve()
+        if str(found.status) == "Solved":
+            z = np.array(found.x) * unit
+            break
     return float(np.abs(one.rows @ (problem.L @ z - change)).max() / np.abs(one.free).max())
 
 
