@@ -24,8 +24,9 @@ from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.segment import Segment
 from holdfast.spatial.scalar import Array
 
-EVENTS = "events"
-WAYS = (EVENTS,)
+EVENTS, STEPS = "events", "steps"
+WAYS = (EVENTS, STEPS)
+VERBS = {"touch": "touches", "lift": "lifts", "stick": "sticks", "slip": "slips"}
 MOST_AT_ONCE = 100  # entries of the log within `AT_ONCE`
 AT_ONCE = 1e-9  # s
 
@@ -112,7 +113,8 @@ def with_modes(
     sums = sums._replace(
         impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + found.outer_impulse
     )
-    segment = replace(segment, contacts=found.modes, least_gap=np.minimum(rows.gap, 0.0))
+    least_gap = None if segment.settings.by_impulses else np.minimum(rows.gap, 0.0)
+    segment = replace(segment, contacts=found.modes, least_gap=least_gap)
     return segment, replace(origin, state=found.state), sums, news
 
 
@@ -151,6 +153,20 @@ def _log(t: float, names: Sequence[str], before: ContactModes | None, found: Dec
     if news and any(one.kind in ("touch", "jam") for one in news):
         first = next(k for k, one in enumerate(news) if one.kind in ("touch", "jam"))
         news[first] = replace(news[first], energy_change=found.energy_change)
+    return news
+
+
+def changes(before: Instant, after: Instant, names: Sequence[str]) -> list[Occurrence]:
+    """Return the entries for contacts whose modes differ between the ends of a step with impulses."""
+    assert before.touch is not None and after.touch is not None
+    news = []
+    for j, (old, now) in enumerate(zip(before.touch.modes.mode, after.touch.modes.mode, strict=True)):
+        if old == now:
+            continue
+        kind: OccurrenceKind = "touch" if old == ContactMode.OPEN else "lift"
+        if ContactMode.OPEN not in (old, now):
+            kind = "stick" if now == ContactMode.STICKS else "slip"
+        news.append(Occurrence(after.t, kind, names[j], f"'{names[j]}' {VERBS[kind]} in the step that ends here"))
     return news
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from holdfast.dynamics.contact.fixed_modes import ContactModes, on_contacts
+from holdfast.dynamics.contact.fixed_modes import ContactModes, on_contacts, touch_at
 from holdfast.dynamics.projection import largest_gaps
 from holdfast.simulation.accounts import accounts_of
 from holdfast.simulation.environment import inputs_at
@@ -84,7 +85,7 @@ class ContactStepper(ReferenceStepper):
         implicit: Implicit | None = None,
     ) -> Instant:
         of = self.environment, self.controller, t, state, memory
-        return evaluate(*of, generic_rank=self.generic_rank, held=held, implicit=implicit, modes=modes)
+        return evaluate(*of, generic_rank=self.generic_rank, held=held, implicit=implicit, contacts=partial(touch_at, modes=modes))
 
 
 def _row(arrays: Mapping[str, Array], k: int) -> dict[str, Array]:

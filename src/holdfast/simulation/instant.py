@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.control.controller import Controller, torques_and_memory
-from holdfast.dynamics.contact.fixed_modes import ContactModes, Touch, touch_at
+from holdfast.dynamics.contact.fixed_modes import Touch
 from holdfast.dynamics.energy import power
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.result import ForwardResult
@@ -26,6 +26,7 @@ from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
+ContactsAt = Callable[[ClosedChain, State, Array, Array | None], Touch]  # of chain, state, acceleration, held rows
 WORST_CONDITION = 1e12  # beyond it the grasp forces have no significant digit
 
 
@@ -135,7 +136,7 @@ def evaluate(
     generic_rank: int | None = None,
     held: Array | None = None,
     implicit: Implicit | None = None,
-    modes: ContactModes | None = None,
+    contacts: ContactsAt | None = None,
 ) -> Instant:
     """Return the chain at one time and state.
 
@@ -148,7 +149,7 @@ def evaluate(
         generic_rank: as for `forward_dynamics`.
         held: as for `forward_dynamics`.
         implicit: additional armatures and torques in a stage of a linearly implicit step.
-        modes: what the contacts with the world do; None without any.
+        contacts: returns the contacts with the world and their forces; None without any.
 
     Raises:
         SingularChainError: the constraint loses rank, or its condition number exceeds 1e12.
@@ -164,8 +165,8 @@ def evaluate(
     how: Any = {"check": False, "generic_rank": generic_rank, "held": held}
     solved = changed(solved, touching=None)  # contacts act by their modes
     found, touch = forward_dynamics(solved, state, net, inputs=inputs, **how), None
-    if modes is not None:
-        touch = touch_at(chain, state, found.object_acceleration, modes, found.held)
+    if contacts is not None:
+        touch = contacts(chain, state, found.object_acceleration, found.held)
         inputs = with_wrench(inputs, touch.rows.wrench(touch.force))
         if touch.force.any():
             found = forward_dynamics(solved, state, net, inputs=inputs, **how)

@@ -24,6 +24,7 @@ from holdfast.simulation.contact_signals import ContactSignals
 from holdfast.simulation.contact_stepper import ContactStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Event, Occurrence
+from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
 from holdfast.simulation.run_record import RecordSettings
@@ -54,6 +55,7 @@ class RunSettings:
         events: the events in order of time.
         stops: times at which steps must end.
         recording: what is recorded.
+        by_impulses: whether contacts with the world are followed by steps with impulses instead of events.
     """
 
     environment: Environment
@@ -67,6 +69,7 @@ class RunSettings:
     events: list[Event]
     stops: Stops
     recording: RecordSettings
+    by_impulses: bool = False
 
     @property
     def end(self) -> float:
@@ -118,8 +121,8 @@ class Segment:
         """The stepper of this segment; it subdivides steps of fixed length if `largest_drift` is given."""
         run = self.settings
         if self.contacts is not None:
-            of = self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance
-            return ContactStepper(*of, self.contacts)
+            of = self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance, self.contacts
+            return ImpulseStepper(*of) if run.by_impulses else ContactStepper(*of)
         whole = run.make_stepper(self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance)
         if run.scheme.adaptive or run.largest_drift is None:
             return whole

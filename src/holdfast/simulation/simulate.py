@@ -33,7 +33,7 @@ from holdfast.model.serial_chain import answered_as_forest, require_unused, seri
 from holdfast.progress import of_time, reporting
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
-from holdfast.simulation.contact_events import EVENTS, require_contacts
+from holdfast.simulation.contact_events import EVENTS, STEPS, require_contacts
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
@@ -130,7 +130,8 @@ def simulate(
         on_singular: what to do at a singular configuration: "stop" before it, or "continue" through it if exactly one
             motion with continuous velocities leads through. Steps then end near it.
         contacts: how contacts with the world are followed, if the chain has `touching`: "events", the default: in fixed
-            modes (open, sticks, slips) with the order of the scheme, from one located change to the next.
+            modes (open, sticks, slips) with the order of the scheme, from one located change to the next; "steps": by
+            impulses over fixed steps of the midpoint rule, whatever the scheme, of first order across a touch.
         scheme: "rk4", "midpoint", "dop853" (adaptive, order 8) or "imex" (linearly implicit in joint dampers and
             springs).
         rtol: relative tolerance of an adaptive scheme, see `adaptive.Tolerance`.
@@ -213,6 +214,7 @@ def simulate(
         require_openable(chain, policy)
         wanted = recordable(wanted, record)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
+    settings = replace(settings, by_impulses=contacts == STEPS)
 
     verified = EVALUATIONS if joint_limits(chain).limited.any() else 1
     calls = 0 if forest or chain.touching is not None else len(ends.times) * (1 if hold else len(named.c) * verified)

@@ -206,9 +206,8 @@ def playback_of_run(
     internal = run.internal_wrench[k] if "internal_wrench" in run.recorded else np.zeros((len(k), 0, 6))
     if not chain.beyond_serial:
         strength[~run.holding[k]] = 1.0
-    bases, below, tips = (
-        np.array([getattr(at, part) for at in places]).reshape(len(k), -1, 7) for part in ("bases", "below", "tips")
-    )
+    bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))
+    bases, tips = bases.reshape(len(k), len(chain.arms), 7), tips.reshape(len(k), len(rows), 3)
     return Playback(
         chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
         internal, run.margin[k], run.condition[k], strength, run.tau[k], surfaces, notes, commanded,

@@ -120,7 +120,7 @@ def decided(
                 jams = True
                 before = before - [0.0, 0.0, APPROACHES * max(1.0, float(np.abs(u).max()))]
             found = impact(P, rows.C[closed], before, rows.friction[closed], e)
-            _require_resolved(found, "impulses")
+            require_resolved(found, "impulses")
             left_out = (found.impulse[:, 2] > 0.0) & ~rebounds[closed] & (rows.restitution[closed] > 0.0)
             slow[closed] = np.where(left_out, -before[:, 2], slow[closed])
             total[closed] += np.einsum("kia,ki->ka", rows.axes[closed], found.impulse)
@@ -135,7 +135,7 @@ def decided(
         if not jammed:
             break
     else:
-        _require_resolved(solution, "forces")
+        require_resolved(solution, "forces")
     still = rows.restitution < 1.0
     pull = -(rows.C @ accelerate(state) + rows.drift)[:, 2] if slow.any() else np.ones(k)
     e = np.where(still, rows.restitution, 0.0)
@@ -196,7 +196,12 @@ def _accelerated(
     return state, mode, slip, found
 
 
-def _require_resolved(found: Collision | ContactSolution, what: str) -> None:
+def require_resolved(found: Collision | ContactSolution, what: str) -> None:
+    """Refuse impulses or forces that do not satisfy the laws of contact.
+
+    Raises:
+        StateError: with the residual.
+    """
     if found.status in (ContactStatus.JAMMED, ContactStatus.UNRESOLVED):
         raise StateError(
             f"contacts: {found.status.value} ({what}, residual {found.residual:.1e}); try fewer contacts at once, or less"

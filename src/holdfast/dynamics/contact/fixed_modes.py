@@ -51,7 +51,7 @@ class ContactModes(Frozen):
         """The indices of the contacts that are closed."""
         return np.flatnonzero(self.mode != ContactMode.OPEN)
 
-    def imposed(self, rows: ContactRows) -> tuple[Array, Array]:
+    def imposed(self) -> tuple[Array, Array]:
         """Return contact and axis of every imposed row, (m,) each."""
         pairs = [(j, i) for j in self.closed for i in ((0, 1, 2) if self.mode[j] == ContactMode.STICKS else (2,))]
         found = np.array(pairs, dtype=int).reshape(-1, 2)
@@ -78,7 +78,7 @@ class Touch(Frozen):
 
 
 def touch_at(
-    chain: ClosedChain, state: State, acceleration: Array, modes: ContactModes, held: Array | None = None
+    chain: ClosedChain, state: State, acceleration: Array, held: Array | None, modes: ContactModes
 ) -> Touch:
     """Return the forces of contacts in given modes. O(n) + O(l) + O(k).
 
@@ -86,14 +86,14 @@ def touch_at(
         chain: the chain, with `touching`.
         state: positions and velocities.
         acceleration: (6,) of the object without contact forces.
-        modes: the modes, with slip directions at the step's start.
         held: rows of the grasps to impose, see `held_rows`.
+        modes: the modes, with slip directions at the step's start.
     """
     assert chain.touching is not None
     rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
     u, force = rows.velocity(state.object_twist), np.zeros((len(rows.gap), 3))
     directions, slip, speed = _slip(rows, u, modes)
-    of, axis = modes.imposed(rows)
+    of, axis = modes.imposed()
     if len(of):
         P = rest_response(holding(chain_at_rest(chain, state), held)).mobility
         A, gives = rows.C[of, axis], np.eye(3)[axis]
@@ -124,7 +124,7 @@ def _slip(rows: ContactRows, u: Array, modes: ContactModes) -> tuple[Array, Arra
 
 
 def on_contacts(
-    chain: ClosedChain, state: State, modes: ContactModes, held: Array | None = None, positions: bool = True
+    chain: ClosedChain, state: State, modes: ContactModes, held: Array | None = None, *, velocities: bool = True
 ) -> State:
     """Return a state that satisfies the grasps, moved by the least displacement that closes the closed contacts.
 
@@ -137,21 +137,23 @@ def on_contacts(
         state: a state that satisfies the grasps.
         modes: the modes.
         held: rows of the grasps to impose, see `held_rows`.
-        positions: whether positions are changed, too.
+        velocities: whether velocities are changed, too.
     """
     touching, closed = chain.touching, modes.closed
     assert touching is not None
     if not len(closed):
         return state
-    for _ in range(ROUNDS if positions else 0):
+    for _ in range(ROUNDS):
         rows = contact_rows(touching, state.object_frame, state.object_twist)
         if not np.abs(rows.gap[closed]).max() > CLOSED_GAP:
             break
         motion = holding(chain_at_rest(chain, state), held, positions=True)
         push = _removing(motion, rows.C[closed, 2], rows.gap[closed])
         state = displaced_by(state, impulse_response(motion, state, push)[0])
+    if not velocities:
+        return state
     rows = contact_rows(touching, state.object_frame, state.object_twist)
-    of, axis = modes.imposed(rows)
+    of, axis = modes.imposed()
     motion = holding(chain_at_rest(chain, state), held)
     push = _removing(motion, rows.C[of, axis], rows.velocity(state.object_twist)[of, axis])
     return quickened(state, impulse_response(motion, state, push)[0])
