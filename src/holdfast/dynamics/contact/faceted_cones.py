@@ -22,9 +22,9 @@ from holdfast.dynamics.contact.contact_law import ReducedContact
 from holdfast.spatial.scalar import Array
 
 FACETS = 8
-WIDEST = 0.5  # half the angle of fine directions [rad]
+WIDEST_FAN = 0.5  # half the angle of fine directions [rad]
 NARROWER, WIDER = 0.35, 1.5  # its changes
-ROUNDS = 20
+FAN_ROUNDS = 20
 DISTURBED = (0.0, 1e-9, 1e-7, 1e-5)  # of the right-hand side, where a pivot is lost in rounding
 MOST_PIVOTS = 2000
 NO_PIVOT = 1e-11
@@ -57,15 +57,15 @@ class _Fan(NamedTuple):
             return self
         middle = float(np.arctan2(force[2], force[1]))
         if self.width is None:
-            return _Fan(middle, WIDEST)
+            return _Fan(middle, WIDEST_FAN)
         off = abs((middle - self.middle + np.pi) % (2.0 * np.pi) - np.pi)
-        return _Fan(middle, self.width * NARROWER if off < 0.99 * self.width else min(WIDEST, self.width * WIDER))
+        return _Fan(middle, self.width * NARROWER if off < 0.99 * self.width else min(WIDEST_FAN, self.width * WIDER))
 
 
 def faceted_forces(contacts: Sequence[ReducedContact]) -> Iterator[list[Array]]:
     """Yield forces, axes [n, t1, t2], that obey the laws with facets, each time with narrower ones; floats only."""
     fans = [_Fan() for _ in contacts]
-    for _ in range(ROUNDS):
+    for _ in range(FAN_ROUNDS):
         forces = _solved(contacts, [fan.directions for fan in fans])
         if forces is None:
             return
