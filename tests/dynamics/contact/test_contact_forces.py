@@ -127,7 +127,7 @@ def test_the_traced_text_is_the_same():
         return found.force, found.change, found.mode, found.residual
 
     program = trace(asked, [(6, 6), (k, 3, 6), (k, 3), (k,), (k, 2)])
-    assert len(program.instructions) < 31_000
+    assert len(program.instructions) < 25_000
     for _ in range(3):
         given = (*drawn(rng, k, 0.5), np.zeros((k, 2)))
         with np.errstate(all="ignore"):

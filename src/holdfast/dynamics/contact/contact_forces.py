@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from holdfast.dynamics.contact.contact_law import (
     TANGENTS_FIRST,
     ReducedContact,
@@ -15,7 +17,7 @@ from holdfast.dynamics.contact.contact_law import (
     unknown,
     violation,
 )
-from holdfast.dynamics.contact.interior_path import FAST, PathPace, path_forces
+from holdfast.dynamics.contact.interior_path import FAST, path_forces
 from holdfast.dynamics.contact.proximal_newton import polished
 from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.spatial.scalar import Array, Scalar, array, each, sqrt, where
@@ -61,9 +63,9 @@ def contact_problem(
     return ContactProblem(L, rows, contacts, compliant)
 
 
-def cold_forces(problem: ContactProblem, pace: PathPace = FAST) -> tuple[list[Array], Scalar]:
+def cold_forces(problem: ContactProblem) -> tuple[list[Array], Scalar]:
     """Return the forces in axes [n, t1, t2] without a start, and how far they are from the laws. O(k)."""
-    return polished(problem.contacts, path_forces(problem.contacts, pace, problem.compliant))
+    return polished(problem.contacts, path_forces(problem.contacts, FAST, problem.compliant))
 
 
 def found_forces(problem: ContactProblem, forces: list[Array]) -> FoundForces:
@@ -86,7 +88,7 @@ def found_forces(problem: ContactProblem, forces: list[Array]) -> FoundForces:
         return whole[TANGENTS_FIRST], u[TANGENTS_FIRST], where(x[0] > 0.0, closed, int(ContactMode.OPEN))
 
     parts = each(of_contact, contacts, forces)
-    wrench = sum(force @ C for (force, *_), C in zip(parts, problem.rows, strict=True))
+    wrench = sum((force @ C for (force, *_), C in zip(parts, problem.rows, strict=True)), np.zeros(6))
     return FoundForces(
         array([force for force, *_ in parts]),
         wrench,

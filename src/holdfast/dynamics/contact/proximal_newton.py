@@ -12,6 +12,8 @@ Reference: Carpentier, Montaut and Le Lidec, "From compliant to rigid contact si
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from holdfast.dynamics.contact.contact_law import ReducedContact, unknown, violation
@@ -31,7 +33,7 @@ from holdfast.spatial.scalar import (
 )
 from holdfast.spatial.vector import outer
 
-COMPLIANCES = (1e-2, 1e-2, 1e-3, 1e-3, 1e-4, 1e-4)  # relative to each contact's mobility
+COMPLIANCES = (1e-2, 1e-3, 1e-3, 1e-4)  # relative to each contact's mobility
 LENGTHS = (1.0, 0.5, 0.2, 0.05)  # of the steps that are tried
 
 
@@ -39,9 +41,8 @@ def polished(
     contacts: list[ReducedContact], held: list[Array], compliances: tuple[float, ...] = COMPLIANCES
 ) -> tuple[list[Array], Scalar]:
     """Return the forces that violate the laws least, of all iterates from given ones, and their violation."""
-    Carry = tuple[list[Array], list[Array], Scalar]
 
-    def refined(carry: Carry, relative: float) -> tuple[Carry, None]:
+    def refined(carry: tuple[list[Array], list[Array], Scalar], relative: float) -> tuple[Any, None]:
         held, best, least = carry
         held = _newton_step(contacts, held, relative)
         now = violation(contacts, held)

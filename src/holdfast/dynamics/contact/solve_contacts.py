@@ -38,7 +38,8 @@ from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
 SOFT = 1e-8  # compliance of all contacts, relative to their mobilities
-PATIENT = (1e-1,) * 5 + (1e-2,) * 10 + (1e-3, 1e-3, 1e-4, 1e-4)  # compliances of Newton's steps after it
+THOROUGH = (1e-2, 1e-2, 1e-3, 1e-3, 1e-4, 1e-4)  # compliances of Newton's steps in the slower ways
+PATIENT = (1e-1,) * 5 + (1e-2,) * 10 + (1e-3, 1e-3, 1e-4, 1e-4)
 LOADS = (1.0, 0.5)  # of the largest change of loads that keeps the forces in their cones
 SAME_MOTION = 1e-7  # motions that differ less, relative to the free velocities, are one
 
@@ -98,12 +99,12 @@ def ways(problem: ContactProblem, start: Array | None = None) -> Iterator[tuple[
     if start is not None:
         yield "warm", *polished(contacts, [np.roll(x, 1) for x in start])
     yield "fast", *cold_forces(problem)
-    yield "careful", *cold_forces(problem, CAUTIOUS)
+    yield "careful", *polished(contacts, path_forces(contacts, CAUTIOUS, problem.compliant), THOROUGH)
     soft = [c._replace(compliance=c.compliance + SOFT * c.gauge) for c in contacts]  # internal forces stay finite
     yield "soft", *polished(contacts, path_forces(soft, CAUTIOUS, True), PATIENT)
     for forces in faceted_forces(contacts):
-        yield "facets", *polished(contacts, forces)
-    yield "sweeps", *polished(contacts, swept_forces(contacts))
+        yield "facets", *polished(contacts, forces, THOROUGH)
+    yield "sweeps", *polished(contacts, swept_forces(contacts), THOROUGH)
 
 
 def settled(problem: ContactProblem, forces: list[Array]) -> ContactSolution:
