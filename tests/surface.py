@@ -5,7 +5,7 @@ from typing import Any
 
 THEMES = (
     "assembly", "calibration", "codegen", "compiled", "control", "dynamics", "forces", "gym", "identification",
-    "interop", "io", "planning", "plot", "robots", "simulation", "sweeps",
+    "interop", "io", "planning", "plot", "robots", "simulation", "sweeps", "world",
 )  # fmt: skip
 
 

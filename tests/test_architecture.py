@@ -45,6 +45,7 @@ MAY_IMPORT = {
     "control": DYNAMICS | {"forces"},
     "simulation": DYNAMICS | {"forces", "control"},
     "robots": MODEL,
+    "world": MODEL,
     "assembly": DYNAMICS,
     "planning": DYNAMICS | {"control"},
     "interop": USE | {"robots", "io"},
@@ -72,7 +73,11 @@ SAME_EVERYWHERE = {
     "VISUALS",
     "FLANGE",
     "Shape",
-}  # tables of the built-in robots; of arrays, in the compiler, too
+    "Box",
+    "Cylinder",
+    "Sphere",
+    "Cone",
+}  # tables of the built-in robots; shapes of pictures and of the world; cones of forces; of arrays in the compiler
 
 
 @functools.cache

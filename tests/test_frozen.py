@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Iterator, Mapping
-from dataclasses import FrozenInstanceError, fields, is_dataclass
+from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -53,6 +53,13 @@ def branched() -> list[Any]:
         hf.linearise(*p),
         hf.dynamics.attach(p.chain, p.state, ("arm2", "pad1"), hf.Grasp("ball"), here=True),
     ]
+
+
+def shapes() -> dict[str, Any]:
+    """Return shapes of the world of all kinds."""
+    solids = hf.world.HalfSpace(normal=np.array([0.0, 0.0, 1.0])), hf.world.Box(half=np.ones(3))
+    of_radius = hf.world.Ball(radius=1.0), hf.world.Cylinder(radius=1.0), hf.world.Cone(angle=0.4)
+    return {type(one).__name__: one for one in (*solids, *of_radius)}
 
 
 @cache
@@ -107,6 +114,10 @@ def examples() -> dict[str, Any]:
         run := hf.simulate(chain, state, hf.control.GravityCompensation(chain), 2e-3, 1e-3),
         run.setting,
         hf.Spring(("world", [0, 0, 1]), ("object", [0, 0, 0]), 5.0),
+        touching := hf.world.Touching({"tip": hf.world.Sphere(np.zeros(3), 0.1)}, shapes()),
+        *(touching.points["tip"], *touching.world.values()),
+        hf.touch(replace(chain, touching=touching), state),
+        hf.dynamics.solve_contacts(np.eye(6), np.eye(6)[None, 3:], [[0.0, 0.0, -1.0]], [0.2]),
         hf.Anchor(hf.Pose.translation(0, 0, 1)),
         *branched(),
         hf.Closure("left/link3", "right/link3", hf.Grasp("ball")),

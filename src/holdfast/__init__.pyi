@@ -18,6 +18,7 @@ from . import robots as robots
 from . import simulation as simulation
 from . import sweeps as sweeps
 from . import view as view
+from . import world as world
 from .assembly.assemble import assemble as assemble
 from .calibration.calibrate import calibrate as calibrate
 from .compiled.chain import compile as compile
@@ -25,6 +26,7 @@ from .control.controller import ControlLaw as ControlLaw
 from .control.holding_torques import holding_torques as holding_torques
 from .control.timed_path import time_path as time_path
 from .dynamics.closing import close as close
+from .dynamics.contact.touch import touch as touch
 from .dynamics.derivatives import forward_dynamics as forward_dynamics
 from .dynamics.derivatives import forward_dynamics_jacobian as forward_dynamics_jacobian
 from .dynamics.derivatives import forward_dynamics_jvp as forward_dynamics_jvp

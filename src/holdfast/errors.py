@@ -52,6 +52,23 @@ class SingularChainError(HoldfastError, ArithmeticError):
     """The rank of the grasp constraint drops at this configuration."""
 
 
+class ContactError(HoldfastError, ArithmeticError):
+    """The laws of contact between object and world have no solution here, or none was found.
+
+    Attributes:
+        status: name of the `ContactStatus`, "JAMMED" or "UNRESOLVED".
+    """
+
+    def __init__(self, message: str, status: str = "UNRESOLVED") -> None:
+        """Store the message and the status."""
+        super().__init__(message)
+        self.status = status
+
+    def __reduce__(self) -> tuple[type[ContactError], tuple[str, str]]:
+        """Return the constructor and its arguments, for pickling."""
+        return type(self), (str(self), self.status)
+
+
 class MethodNotApplicable(HoldfastError):
     """The chosen algorithm does not cover this chain; the message names one that does."""
 

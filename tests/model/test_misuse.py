@@ -206,7 +206,7 @@ REFUSED = [
     *(("wrench_limits: ", {key: x}, rf"{key}: expected") for key in ("moment", "force") for x in (0.0, -np.inf)),
     ("", {"arms": [arm()]}, r"chain: expected arms and grasps as mappings"),
     ("", {"grasps": [hf.Grasp("ball")]}, r"chain: expected arms and grasps as mappings"),
-    ("", {"arms": {}, "grasps": {}}, r"chain: expected at least one arm, got none"),
+    ("", {"arms": {}, "grasps": {}, "held_object": None}, r"chain: expected at least one arm or an object, got none"),
     ("", {"arms": {"left": BALL}}, r"arm 'left': expected an Arm, got Friction"),
     ("", {"held_object": arm()}, r"object: expected a HeldObject, got Arm"),
     ("", {"grasps": {"left": "ball"}}, r"grasp 'left': expected a Grasp, got str"),

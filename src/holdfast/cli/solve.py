@@ -13,6 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 from holdfast.cli.console import print_document, read_input, stdout, with_progress
+from holdfast.cli.contact_answers import ContactAnswer, contact_answers
+from holdfast.cli.contact_motion_answers import ContactMotionAnswer, contact_motion_answers
 from holdfast.cli.force_answers import METHOD as FORCE_METHOD
 from holdfast.cli.force_answers import ForceAnswer, force_answer, relative_error
 from holdfast.cli.forest_answers import COMPILED, ForestAnswer, forest_answers
@@ -28,6 +30,8 @@ from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import MethodNotApplicable, ModelError, SceneError, SingularChainError, StateError
 from holdfast.io.case_data import CaseExpected
 from holdfast.io.case_file import AnyCase, Case, parse_cases
+from holdfast.io.contact_case import ContactCase
+from holdfast.io.contact_motion import ContactMotion
 from holdfast.io.files import one_line
 from holdfast.io.force_case import ForceCase
 from holdfast.io.forest_case import ForestCase
@@ -118,7 +122,7 @@ class Answer:
         console.print(f"object: angular acceleration {_triple(angular)} rad/s^2, of C {_triple(linear)} m/s^2")
 
 
-AnyAnswer = Answer | ForceAnswer | ForestAnswer
+AnyAnswer = Answer | ContactMotionAnswer | ContactAnswer | ForceAnswer | ForestAnswer
 
 
 def _of_trunk(r: ForwardResult) -> dict[str, list[float]] | None:
@@ -133,8 +137,12 @@ def _of_trunk(r: ForwardResult) -> dict[str, list[float]] | None:
 
 def answers(case: AnyCase, methods: list[str]) -> Sequence[AnyAnswer]:
     """Return the answer of every method to a case; a question about forces has a single one."""
+    if isinstance(case, ContactMotion):
+        return contact_motion_answers(case, methods)
     if isinstance(case, ForestCase):
         return forest_answers(case, methods)
+    if isinstance(case, ContactCase):
+        return contact_answers(case, methods)
     if isinstance(case, ForceCase):
         if "sequential" not in methods:  # the default
             return [ForceAnswer(case, methods[0], reason=f"not_applicable: {OF_FORCES}")]

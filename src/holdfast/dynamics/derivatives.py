@@ -26,7 +26,7 @@ from holdfast.dynamics.tree.mechanism_derivatives import mechanism_jacobian, mec
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain
+from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain, without_contacts
 from holdfast.questions.arrays import STATE_AND_TORQUES, arguments_of, gradient_shapes, results_of
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import (
@@ -96,6 +96,7 @@ def forward_dynamics_vjp(
         return mechanism_vjp(chain, state, tau, inputs, by, check, cotangents)
     what = "forward_dynamics_vjp"
     serial_chain(chain, "chain")
+    without_contacts(chain, "derivatives")
     require_names(what, by, arguments_of(chain))
     require_names(what, cotangents, results_of(chain))
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, by)
@@ -148,6 +149,7 @@ def forward_dynamics_jvp(
         require_unused(generic_rank=generic_rank is not None)
         return mechanism_jvp(chain, state, tau, along, inputs, check)
     serial_chain(chain, "chain")
+    without_contacts(chain, "derivatives")
     require_names(what, along, arguments_of(chain))
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, list(along))
     given = directions(what, along, gradient_shapes(chain))
@@ -193,6 +195,7 @@ def forward_dynamics_jacobian(
         return mechanism_jacobian(chain, state, tau, of, by, inputs, check)
     what = "forward_dynamics_jacobian"
     serial_chain(chain, "chain")
+    without_contacts(chain, "derivatives")
     require_names(what, of, results_of(chain))
     require_names(what, by, arguments_of(chain))
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, by)

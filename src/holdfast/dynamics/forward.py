@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics import rank
-from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.general import FreeDynamics
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import LEAST_INERTIA, Route
 from holdfast.dynamics.consistency import require_closed
+from holdfast.dynamics.contact.touching_chain import TouchingForces, pushed, require_resolved, touching_forces
 from holdfast.dynamics.methods import Method, method_named
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.smallest_forces import with_smallest_forces
@@ -86,6 +87,7 @@ def forward_dynamics(
             manifold that the rank there differs from that at the nearest closed state.
         SingularChainError: if the configuration is singular, so that the constraint's rank drops.
         MethodNotApplicable: if the chosen algorithm does not cover this chain.
+        ContactError: if no forces of the world on the object satisfy the laws of contact, or none were found.
     """
     if answered_as_forest(chain):
         require_unused(route=route != "auto", generic_rank=generic_rank is not None, held=held is not None)
@@ -111,7 +113,12 @@ def forward_dynamics(
         motion = holding(motion, held)
     elif generic_rank is not None and generic_rank < chain.constraint_row_count:
         motion = replace(motion, generic_rank=generic_rank)
-    regular = sequential(motion, route)
+    regular, touching = sequential(motion, route), None
+    if chain.touching is not None:
+        touching = touching_forces(motion, state, regular)
+        require_resolved(touching.solution, chain.touching.names_of(touching.closed))
+        motion = pushed(motion, state, touching.solution.wrench)
+        regular = sequential(motion, route)
     for name, pivots in zip(chain.grasps, regular.pivots, strict=True):
         _require_inertia(f"arm '{name}'", pivots)
     if regular.trunk_pivots is not None:
@@ -126,7 +133,7 @@ def forward_dynamics(
         raise MethodNotApplicable(f"{chosen.name}: {cause}") from cause
     if status is Status.INDETERMINATE_FORCES and held is None:  # given rows to hold determine the forces
         found = with_smallest_forces(motion, replace(found, rank=regular.rank))
-    return _assemble(motion, found, regular, status, chosen.name)
+    return _assemble(motion, found, regular, status, chosen.name, touching)
 
 
 def _require_finite(found: Solution) -> None:
@@ -161,7 +168,14 @@ def _require_inertia(what: str, pivots: Array) -> None:
         )
 
 
-def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: Status, method: str) -> ForwardResult:
+def _assemble(
+    motion: ChainMotion,
+    found: Solution,
+    regular: Solution,
+    status: Status,
+    method: str,
+    touching: TouchingForces | None,
+) -> ForwardResult:
     """Return the result in the order of the chain's arms, including arms without a grasp."""
     chain = motion.chain
     results = chain_solution(motion, found, "auto")._asdict()
@@ -176,6 +190,7 @@ def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: S
         condition=1.0 / float(regular.weakest_pivot),
         method=method,
         held=regular.held,
+        **({} if touching is None else touching.of_result(found.object_acceleration + pseudo_gravity(chain))),
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.dynamics.contact.solved_contacts import ContactStatus
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -76,6 +77,13 @@ class ForwardResult(Frozen):
             gravity); None without one.
         trunk_base_wrench: (6,) wrench of the base on the trunk about the base origin, 0 for a floating base [N m, N];
             None without a trunk.
+        touch_force: (k, 3) force of the world on the object at every candidate of `touching`, world axes [N]; this and
+            what follows is None without `touching`.
+        touch_gap: (k,) distances [m].
+        touch_mode: (k,) numbers of `ContactMode`: open, sticks, slips, closed (without friction).
+        touch_status: whether contact forces and motion are unique.
+        touch_residual: violation of the laws of contact, relative to the accelerations.
+        touch_range: (2, 6) with AMBIGUOUS, object accelerations between which others satisfy the laws, too; else None.
     """
 
     chain: ClosedChain
@@ -92,6 +100,12 @@ class ForwardResult(Frozen):
     held: Array | None = None
     base_acceleration: Array | None = None
     trunk_base_wrench: Array | None = None
+    touch_force: Array | None = None
+    touch_gap: Array | None = None
+    touch_mode: Array | None = None
+    touch_status: ContactStatus | None = None
+    touch_residual: float | None = None
+    touch_range: Array | None = None
 
     def __repr__(self) -> str:
         """Return the method, rank, condition and status, and the wrench of each arm with a grasp on a line."""

@@ -41,7 +41,6 @@ from holdfast.forces.programme_block import (
     step_ends,
     total,
 )
-from holdfast.forces.second_order_cone import cone_inverse
 from holdfast.spatial.linalg import MaskedLDL, back_substitution, cholesky, forward_substitution, ldl, ldl_solve
 from holdfast.spatial.scalar import (
     Array,
@@ -57,6 +56,7 @@ from holdfast.spatial.scalar import (
     sqrt,
     where,
 )
+from holdfast.spatial.second_order_cone import cone_inverse
 from holdfast.spatial.vector import outer
 
 ITERATIONS = 16

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.forces.second_order_cone import ConeScaling, cone_scaling, step_rate
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, reciprocal, select
+from holdfast.spatial.second_order_cone import ConeScaling, cone_scaling, step_rate
 
 PIVOT_OF_ROUNDING = 3e-16  # relative to its entry, of which large curvatures of other directions were taken off
 Predicted = tuple[Array, list[tuple[Array, Array]], Scalar]  # see `predicted`

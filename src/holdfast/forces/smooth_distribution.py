@@ -22,9 +22,9 @@ from holdfast.forces.elastic_distribution import (
 from holdfast.forces.limit_rows import Limit
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programmes import Costs, Solved
-from holdfast.forces.second_order_cone import cone_inverse
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.case import VariedCase
+from holdfast.spatial.second_order_cone import cone_inverse
 from holdfast.state import State
 
 

@@ -1,4 +1,4 @@
-"""Problem cases in JSON, with or without answers: forward dynamics of chains and forests, and questions about forces.
+"""Problem cases in JSON, with or without answers: forward dynamics of chains and forests, forces, contacts.
 
 Arms list joints and links base to tip; matrices are row-major; SI units. `tags`, `debug`,
 `oracle` and `see` are free-form, everything else is strict.
@@ -15,6 +15,8 @@ import numpy as np
 from holdfast.errors import SceneError
 from holdfast.io import case_data, typed
 from holdfast.io.case_mechanism import mechanism
+from holdfast.io.contact_case import ContactCase, is_contact_case, parse_contact_case
+from holdfast.io.contact_motion import AnyMotion, ContactMotion
 from holdfast.io.files import file_path
 from holdfast.io.force_case import ForceCase, build_force_case
 from holdfast.io.force_case_data import ForceCaseData
@@ -54,7 +56,7 @@ class Case:
     expected: case_data.CaseExpected | None
 
 
-AnyCase = Case | ForceCase | ForestCase
+AnyCase = Case | ContactCase | ContactMotion | ForceCase | ForestCase
 
 
 def load_cases(path: str | PathLike[str]) -> list[AnyCase]:
@@ -81,7 +83,7 @@ def parse_cases(text: bytes, source: str) -> list[AnyCase]:
         SceneError: it is invalid; the message gives the JSON path of the first fault.
     """
     data = typed.parse_json(text, source)
-    if isinstance(data, dict) and ("cases" in data or not data.keys() & {"name", "object", "arms", "bodies"}):
+    if isinstance(data, dict) and ("cases" in data or not data.keys() & {"name", "object", "arms", "bodies", "kind"}):
         items = typed.convert(data, case_data.CaseFileData, source).cases
         listed = [(f"$.cases[{i}]", item) for i, item in enumerate(items)]
     elif isinstance(data, list):
@@ -107,6 +109,12 @@ def _case(item: Any, source: str, root: str) -> AnyCase:
     """Return one problem: of a forest, a question about forces, or of forward dynamics of arms and an object."""
     if isinstance(item, dict) and "bodies" in item:
         return build_forest_case(typed.convert(item, ForestCaseData, source, root), source, root)
+    if isinstance(item, dict) and item.get("kind") == "trajectory":
+        motion: ContactMotion = typed.convert(item, AnyMotion, source, root)  # pyright: ignore[reportArgumentType]
+        motion.check(Location(source, root))
+        return motion
+    if is_contact_case(item):
+        return parse_contact_case(item, source, root, _grasp)
     if isinstance(item, dict) and "question" in item:
         return build_force_case(typed.convert(item, ForceCaseData, source, root), source, root)
     return build_case(typed.convert(item, case_data.CaseData, source, root), source, root)

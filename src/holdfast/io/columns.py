@@ -67,6 +67,8 @@ def _along(axis: int | str, row: Row, meta: ResultMeta) -> list[TableColumn]:
     """Return name and unit of every place along an axis of an array; the unit is empty if the axis does not decide."""
     if axis == "arms":
         return [TableColumn(name, "") for name in meta.rows or meta.arms]
+    if axis == "touches":
+        return [TableColumn(name, "") for name in meta.touches]
     if axis != "n":
         return [TableColumn(*entry) for entry in row.entries]
     turning, sliding = row.unit.split(" or ")

@@ -29,13 +29,22 @@ from holdfast.model.link import Link
 from holdfast.model.spring import Spring
 from holdfast.model.trunk import Trunk
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Sphere, Visual, Visuals
+from holdfast.model.world import solids, touching
 from holdfast.spatial.pose import Pose
 
+
+def _name_of(kind: type) -> str:
+    """Return the name of a class in files: that of a shape of the world says so, as pictures have boxes, too."""
+    return f"world.{kind.__name__}" if kind.__module__.startswith(WORLD) else kind.__name__
+
+
+WORLD = "holdfast.model.world."
 MODEL_CLASSES = {
-    kind.__name__: kind
+    _name_of(kind): kind
     for kind in (
         Anchor, Arm, Box, Capsule, ClosedChain, Closure, Coupling, Cylinder, Friction, Grasp, HeldObject, Joint, Link,
         Visuals, Mesh, Pose, Sphere, Spring, SpringEnd, Trunk, Visual, WrenchLimits,
+        solids.Ball, solids.Box, solids.Cone, solids.Cylinder, solids.HalfSpace, touching.Sphere, touching.Touching,
     )
 }  # fmt: skip
 IS = "is"  # the key under which data say what they are
@@ -52,7 +61,7 @@ def model_data(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         own = [(f, getattr(value, f.name)) for f in fields(value) if f.init]
         parts = {f.name: x for f, x in own if not (f.metadata.get("omitted") and is_default(x, f.default))}
-        return {IS: type(value).__name__, **{name: model_data(part) for name, part in parts.items()}}
+        return {IS: _name_of(type(value)), **{name: model_data(part) for name, part in parts.items()}}
     if isinstance(value, Mapping) and any(isinstance(key, tuple) for key in value):
         return {IS: PAIRS, "of": [[model_data(key), model_data(part)] for key, part in value.items()]}
     if isinstance(value, Mapping):

@@ -323,6 +323,7 @@ def run_meta(
         trunk=chain.trunk is not None,
         grasps={row_name(key): grasp.kind for key, grasp in chain.grasps.items()},
         rows=[row.name for row in grasp_rows(chain, options.get("attached", ()))] if chain.beyond_serial else [],
+        touches=[] if chain.touching is None else [*chain.touching.names],
         joints=chain.joint_names(),
         joint_kinds=[joint.kind for joint in chain.all_joints],
         work_terms=list(WORK_TERMS),

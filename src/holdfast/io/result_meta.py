@@ -81,6 +81,7 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
         trunk: whether the chain has a trunk.
         grasps: kind of grasp at the start, by arm, or by "arm/frame".
         rows: names of the rows of wrenches and margins, if these are not the arms.
+        touches: names of the contacts with the world, "point/shape".
         joints, joint_kinds: `arm/joint` and revolute or prismatic, in the arrays' order.
         work_terms: the columns of `work`.
         units: shape, meaning and unit of each array, as documentation.
@@ -121,6 +122,7 @@ class ResultMeta(Manifest, frozen=True, kw_only=True):
     occurrences: list[Occurrence] = msgspec.field(default_factory=list)
     trunk: bool = False
     rows: list[str] = msgspec.field(default_factory=list)
+    touches: list[str] = msgspec.field(default_factory=list)
 
     @property
     def ended(self) -> bool:

@@ -24,6 +24,7 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
+from holdfast.model.world.touching import Touching
 from holdfast.names import called
 from holdfast.spatial.frozen import NOT_GIVEN, ArrayField, Frozen, FrozenDict, frozen_property, making
 from holdfast.spatial.scalar import Array
@@ -36,8 +37,8 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 class ClosedChain(Frozen):
     """Named arms that hold one object, in a fixed order, each on its own base or on a common trunk.
 
-    Arms may have branches, there may be several objects or none, loops inside and between arms, and couplings of
-    joints; docs/how_to/branches.md says what such chains can be asked.
+    There may be no arm: the object then moves freely. Arms may have branches, there may be several objects or none,
+    loops inside and between arms, and couplings of joints; docs/how_to/branches.md says what such chains can be asked.
 
     Attributes:
         arms: arms by name. Their order is that of every flat array, in which the trunk's joints come first.
@@ -52,6 +53,7 @@ class ClosedChain(Frozen):
         objects: objects by name, which grasps hold by their field `of`.
         loops: by name, closures between links, objects and the world other than grasps, beside those of the arms.
         couplings: linear relations between joints, beside those of the arms: mimic joints, gears, locked joints.
+        touching: points of the object and shapes of the world that may touch, or None; docs/how_to/contact.md.
     """
 
     arms: Mapping[str, Arm]
@@ -64,13 +66,12 @@ class ClosedChain(Frozen):
     objects: Mapping[str, HeldObject] = field(default_factory=dict, metadata=OMITTED)
     loops: Mapping[str, Closure] = field(default_factory=dict, metadata=OMITTED)
     couplings: Sequence[Coupling] = field(default=(), metadata=OMITTED)
+    touching: Touching | None = field(default=None, metadata=OMITTED)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         if not isinstance(self.arms, Mapping) or not isinstance(self.grasps, Mapping):
             raise ModelError("chain: expected arms and grasps as mappings from a name, e.g. {'left': arm}")
-        if not self.arms:
-            raise ModelError("chain: expected at least one arm, got none")
         for name, arm in self.arms.items():
             checks.name(name, f"chain: name of arm {name!r}")
             if not isinstance(arm, Arm):
@@ -94,6 +95,7 @@ class ClosedChain(Frozen):
             raise ModelError(f"chain: springs: expected a list of Spring, got {checks.short(self.springs)}")
         self._check_trunk()
         put(self, "springs", tuple(spring.found(self.arms, self.trunk) for spring in self.springs))
+        checks.instance(self.touching, (Touching, type(None)), "chain: touching")
         put(self, "mounts", FrozenDict({name: self.mounts[name] for name in self.arms if name in self.mounts}))
         self._check_forest()
 
@@ -112,10 +114,11 @@ class ClosedChain(Frozen):
             checks.name(name, f"chain: name of {name!r}")
             if name in taken or (name in self.objects and name in self.loops):
                 raise ModelError(f"chain: '{name}': expected names of objects and loops that nothing else has")
+        if not (self.arms or self.free_objects):
+            raise ModelError("chain: expected at least one arm or an object, got none")
         if self.beyond_serial:
-            if self.springs or self.bushings:
-                what = "springs" if self.springs else "bushings"
-                raise ModelError(f"chain: {what}: expected none in a chain with {self.beyond_serial[0]}")
+            if refused := [w for w in ("springs", "bushings", "touching") if getattr(self, w)]:
+                raise ModelError(f"chain: {refused[0]}: expected none in a chain with {self.beyond_serial[0]}")
             _ = self.as_forest  # raises an error if a name is unknown
 
     @frozen_property

@@ -36,6 +36,26 @@ def serial_chain(value: Any, what: str) -> None:
         )
 
 
+def without_contacts(chain: Any, what: str, arms: bool = False) -> None:
+    """Refuse a chain whose object may touch the world, where contacts are not part of the answer.
+
+    Args:
+        chain: the chain.
+        what: names the question, for the message.
+        arms: whether a chain without arms is refused, too.
+
+    Raises:
+        MethodNotApplicable: it has `touching`; the message says what answers such chains.
+    """
+    if getattr(chain, "touching", None) is not None:
+        raise MethodNotApplicable(
+            f"{what}: expected a chain without touching, since contacts with the world are not built there; they are"
+            " part of forward_dynamics, touch and simulate. Try dataclasses.replace(chain, touching=None)"
+        )
+    if arms and not getattr(chain, "arms", True):
+        raise MethodNotApplicable(f"{what}: expected at least one arm; a free object is answered without machine code")
+
+
 def require_unused(**given: bool) -> None:
     """Refuse arguments that the answer of a forest does not use.
 

@@ -111,6 +111,7 @@ def sizes(chain: ClosedChain) -> dict[str, int]:
         "bodies": 0 if chain.trunk is None else len(chain.trunk.bodies),
         "freedoms": chain.contact_freedom_count,
         "couplings": len(chain.all_couplings),
+        "touches": 0 if chain.touching is None else len(chain.touching.names),
     }
 
 

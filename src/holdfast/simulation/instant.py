@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from holdfast.control.controller import Controller, torques_and_memory
+from holdfast.dynamics.contact.fixed_modes import Touch
 from holdfast.dynamics.energy import power
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.result import ForwardResult
@@ -21,9 +22,11 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import increment_rate, twists
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.linearly_implicit import Implicit, with_armature
+from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
+ContactsAt = Callable[[ClosedChain, State, Array, Array | None], Touch]  # of chain, state, acceleration, held rows
 WORST_CONDITION = 1e12  # beyond it the grasp forces have no significant digit
 
 
@@ -40,6 +43,7 @@ class Instant:
         memory: the memory that the controller has returned.
         result: result of forward dynamics.
         power: (4,) in the order of `balance.WORK_TERMS` [W].
+        touch: the contacts with the world, whose forces are among the inputs; None without any.
     """
 
     t: float
@@ -50,6 +54,7 @@ class Instant:
     memory: Any
     result: ForwardResult
     power: Array
+    touch: Touch | None = None
 
     @property
     def joints(self) -> tuple[Array, Array, Array]:
@@ -131,6 +136,7 @@ def evaluate(
     generic_rank: int | None = None,
     held: Array | None = None,
     implicit: Implicit | None = None,
+    contacts: ContactsAt | None = None,
 ) -> Instant:
     """Return the chain at one time and state.
 
@@ -143,6 +149,7 @@ def evaluate(
         generic_rank: as for `forward_dynamics`.
         held: as for `forward_dynamics`.
         implicit: additional armatures and torques in a stage of a linearly implicit step.
+        contacts: returns the contacts with the world and their forces; None without any.
 
     Raises:
         SingularChainError: the constraint loses rank, or its condition number exceeds 1e12.
@@ -155,11 +162,24 @@ def evaluate(
     net, solved = tau - friction, chain
     if implicit is not None:
         net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
-    found = forward_dynamics(solved, state, net, inputs=inputs, check=False, generic_rank=generic_rank, held=held)
+    how: Any = {"check": False, "generic_rank": generic_rank, "held": held}
+    solved = changed(solved, touching=None)  # contacts act by their modes
+    found, touch = forward_dynamics(solved, state, net, inputs=inputs, **how), None
+    if contacts is not None:
+        touch = contacts(chain, state, found.object_acceleration, found.held)
+        inputs = with_wrench(inputs, touch.rows.wrench(touch.force))
+        if touch.force.any():
+            found = forward_dynamics(solved, state, net, inputs=inputs, **how)
     if not found.condition <= WORST_CONDITION:
         raise SingularChainError(
             f"the grasp constraint is nearly singular: condition {found.condition:.3g}, expected <="
             f" {WORST_CONDITION:g}; try another configuration or another grasp"
         )
     powers = work_rates(power(chain, state, tau, found, inputs), friction, state.qd)
-    return Instant(t, state, chain, inputs, tau, memory, found, powers)
+    return Instant(t, state, chain, inputs, tau, memory, found, powers, touch)
+
+
+def with_wrench(inputs: Inputs, wrench: Array) -> Inputs:
+    """Return inputs with a further wrench (6,) on the object, about C."""
+    given = inputs.object_wrench
+    return replace(inputs, object_wrench=wrench if given is None else given + wrench)

@@ -18,7 +18,7 @@ from holdfast.dynamics.tree.mechanism_linearise import mechanism_linearisation
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain
+from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain, without_contacts
 from holdfast.names import called
 from holdfast.simulation.environment import MOVING_BASES, BaseMotion, Environment
 from holdfast.simulation.rollout.traced_step import StepModel
@@ -153,6 +153,7 @@ def linearise(
         found = mechanism_linearisation(chain, state, tau, inputs, basis, check)
         return found  # pyright: ignore[reportReturnType]
     serial_chain(chain, "chain")
+    without_contacts(chain, "linearise")
     checks.instance(state, State, "state", StateError)
     if step is None:
         if base_motion is not None:

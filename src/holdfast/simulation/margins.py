@@ -28,7 +28,7 @@ from holdfast.simulation.verification import CROSSING, MarginCurves, StepMargins
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate
 
-Quantity = Literal["grasp", "position", "rate", "effort"]
+Quantity = Literal["grasp", "position", "rate", "effort", "gap", "normal force", "friction", "slip"]
 JOINT_QUANTITIES: tuple[Quantity, ...] = ("position", "rate", "effort")
 SAME_MARGIN = 1e-9  # relative to the wrench: margins that differ by less reach zero together
 
@@ -64,6 +64,11 @@ class Signals:
         chain = self.chain
         grasps = [name in chain.grasps and bool(conditions(chain.grasps[name])) for name in chain.names]
         return np.flatnonzero(np.array([*grasps, *joint_limits(chain).limited.flat]))
+
+    @property
+    def logged(self) -> Array:
+        """Indices of the signals whose violations are logged."""
+        return self.limited
 
     def of(self, at: Instant) -> Array:
         """Return all margins at an instant, (arms + 3 n,); see `of_each`."""
@@ -174,6 +179,7 @@ class Policy:
     def acting(self, signals: Signals) -> Array:
         """Return the indices of the signals that end the step when they become negative."""
         acts = {"grasp": self.on_slip != "record"}
+        acts |= dict.fromkeys(("gap", "normal force", "friction", "slip"), True)  # there, contacts change their modes
         return np.array(
             [i for i in signals.limited if acts.get(signals.quantities[i], self.on_limit == "stop")], dtype=int
         )
@@ -217,14 +223,14 @@ class ViolationTracker:
         if not (margins < 0.0).any() and np.isinf(self.since).all():
             return replace(self, lowest=np.minimum(self.lowest, margins)), []
         here = np.array([t]), margins[None]
-        return self.followed([(i, *here) for i in signals.limited], signals, lambda _, i: signals.description(now, i))
+        return self.followed([(i, *here) for i in signals.logged], signals, lambda _, i: signals.description(now, i))
 
     def after(self, found: StepMargins, curves: MarginCurves, signals: Signals) -> tuple[Self, list[Occurrence]]:
         """Return the tracker after a step, and the occurrences in it with refined zeros."""
         if not (found.margins < 0.0).any() and np.isinf(self.since).all():
             return replace(self, lowest=np.minimum(self.lowest, found.margins.min(axis=0))), []
         entries = []
-        for i in signals.limited:
+        for i in signals.logged:
             entries.append((i, *self._with_zeros(int(i), found, curves)))
         return self.followed(entries, signals, lambda t, i: _description(curves, signals, t, i))
 

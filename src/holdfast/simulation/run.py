@@ -13,7 +13,10 @@ import numpy as np
 from holdfast.dynamics.near_singular import NEAR_SINGULAR, nearly_lost, weakest_strength
 from holdfast.errors import HoldfastError
 from holdfast.simulation.adaptive import first_proposal
+from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Checkpoint, Origin
+from holdfast.simulation.contact_events import reached, require_progress, with_modes
+from holdfast.simulation.contact_signals import ContactSignals
 from holdfast.simulation.events import Attach, Occurrence, happen
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
@@ -49,10 +52,13 @@ def start_of_run(settings: RunSettings, state: State) -> RunState:
     now, gaps = segment.stepper.start(0.0, state, None)
     held, memory = segment.sampled(0.0, now.state, initial_hold(settings.hold), None)
     origin = Origin(0.0, now.state, memory)
-    now = now if held is None else segment.at(origin)
+    sums = Sums(np.zeros(4), 0.0, np.zeros(6))
+    segment, origin, sums, touches = with_modes(segment, origin, sums)
+    now = now if held is None and segment.contacts is None else segment.at(origin)
     blank = ViolationTracker.blank(len(segment.signals))
-    saved = Checkpoint(origin, segment.environment.chain.grasps, segment.generic_rank, blank, held=held)
-    return _stretch_begins(segment, saved, now, gaps, news)
+    grasps, generic_rank = segment.environment.chain.grasps, segment.generic_rank
+    saved = Checkpoint(origin, grasps, generic_rank, blank, held=held, sums=sums)
+    return _stretch_begins(segment, saved, now, gaps, [*news, *touches])
 
 
 def resumed_run(settings: RunSettings, at: Checkpoint) -> RunState:
@@ -81,6 +87,8 @@ def next_state(at: RunState) -> RunState | str | None:
     if signal is not None:
         if signals.quantities[signal] == "grasp" and settings.policy.on_slip == "release":
             return _opened(at, signal)
+        if signal not in signals.logged:
+            return _touched(at)
         reached = [one for one in saved.occurrences if one.name == signals.names[signal] and one.kind == "violation"]
         return f"{reached[-1].text} at t = {reached[-1].t:.12g} s"
     times, jumps = settings.stops
@@ -130,12 +138,13 @@ def _jumped(at: RunState) -> RunState:
         origin = replace(origin, state=started.state)
     held, memory = segment.sampled(t, origin.state, saved.held, origin.memory)
     origin = replace(origin, memory=memory)
+    segment, origin, sums, touches = with_modes(segment, origin, sums, at.now.touch)
     now = segment.at(origin)
     for name in set(before.grasps) - set(chain.grasps):
         tracker = tracker.without(chain.names.index(name))
     happened = saved.event + len(happening)
     saved = replace(saved, now=origin, stop=saved.stop + 1, event=happened, sums=sums, tracker=tracker, held=held)
-    return _stretch_begins(segment, saved, now, gaps, news)
+    return _stretch_begins(segment, saved, now, gaps, [*news, *touches])
 
 
 def _opened(at: RunState, signal: int) -> RunState:
@@ -145,8 +154,21 @@ def _opened(at: RunState, signal: int) -> RunState:
     grasps = {arm: grasp for arm, grasp in at.checkpoint.grasps.items() if arm != name}
     segment, stiff = suited(segment_with(at.segment, grasps, origin), origin.t, origin.state)
     news = Occurrence(at.now.t, "release", name, f"'{name}' is released: it cannot hold")
-    saved = replace(at.checkpoint, now=origin, tracker=at.checkpoint.tracker.without(signal))
-    return _stretch_begins(segment, saved, segment.at(origin), NO_GAPS, [news, *stiff])
+    segment, origin, sums, touches = with_modes(segment, origin, at.checkpoint.sums, at.now.touch)
+    saved = replace(at.checkpoint, now=origin, tracker=at.checkpoint.tracker.without(signal), sums=sums)
+    return _stretch_begins(segment, saved, segment.at(origin), NO_GAPS, [news, *stiff, *touches])
+
+
+def _touched(at: RunState) -> RunState:
+    """Return the run after an instant at which contacts with the world change their modes."""
+    signals, now = at.segment.signals, at.now
+    require_progress(at.checkpoint.occurrences)
+    assert isinstance(signals, ContactSignals)
+    by = reached(now, signals, at.margins[-1])
+    origin = Origin(just_after(now.t), now.state, now.memory)
+    segment, origin, sums, news = with_modes(at.segment, origin, at.checkpoint.sums, now.touch, by)
+    saved = replace(at.checkpoint, now=origin, sums=sums)
+    return _stretch_begins(segment, saved, segment.at(origin), NO_GAPS, news)
 
 
 def _stretch_begins(

@@ -17,6 +17,7 @@ from holdfast.simulation.trajectory import (
     BASE_FIELDS,
     LOWEST,
     NOT_OF_FORESTS,
+    TOUCH_FIELDS,
     TRUNK_FIELDS,
     Trajectory,
     array_names,
@@ -90,6 +91,7 @@ def record_settings(record: str | Sequence[str], every: int, step: float, chain:
             raise MethodNotApplicable(f"record: expected arrays of a chain that is answered as a forest, got '{name}'")
     empty = TRUNK_FIELDS if chain.trunk is None else () if chain.trunk.floating else BASE_FIELDS
     empty = (*empty, *(() if chain.all_couplings else ("coupling_force",)))
+    empty = (*empty, *(() if chain.touching else TOUCH_FIELDS))
     found = {"t", *listed, *empty, *(lowest for lowest, others in LOWEST.items() if not {*listed}.isdisjoint(others))}
     found -= {*(NOT_OF_FORESTS if chain.beyond_serial else ())}
     return RecordSettings(tuple(name for name in known if name in found), int(every), step)

@@ -12,6 +12,7 @@ from holdfast.simulation.adaptive import next_step
 from holdfast.simulation.adaptive_parts import EqualPartsStepper, agreeing_parts
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.confirmation import Window, explained, require_shown, resolved, too_long
+from holdfast.simulation.contact_events import changes
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
@@ -232,7 +233,10 @@ def _step_to(
         margins = margins.min(axis=0, keepdims=True)
     tail_time = times[-2] if len(times) > 1 else now.t
     resolution = saved.resolution
-    if stepper is None and not settings.scheme.adaptive and end.t == until:
+    by_impulses = settings.by_impulses and now.touch is not None
+    if by_impulses and segment.environment.chain.touching is not None:
+        news = [*news, *changes(now, end.instant, segment.environment.chain.touching.names)]
+    if stepper is None and not settings.scheme.adaptive and end.t == until and not by_impulses:
         resolution = resolved(resolution, window, end.instant)
         if end.t == settings.stops.times[-1] and resolution.matters:
             news = [*news, Occurrence(end.t, "unresolved", "joints", resolution.text)]

@@ -14,13 +14,14 @@ from holdfast.forces.margins import conditions
 from holdfast.questions.arrays import ARRAYS, FLOATING, STATE, state_of
 from holdfast.simulation.accounts import account_shapes
 from holdfast.simulation.balance import Sums
+from holdfast.simulation.contact_stepper import WRENCH
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import JOINT_QUANTITIES, by_arm
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Accounting
-from holdfast.simulation.trajectory import Trajectory
+from holdfast.simulation.trajectory import TOUCH_FIELDS, Trajectory
 from holdfast.spatial.scalar import Array
 
 # Arrays of an instant, which have the same names in a result of forward dynamics and in machine code, and those of a
@@ -59,6 +60,10 @@ def arrays_of(at: Instant) -> dict[str, Array]:
     arrays |= {name: getattr(found, name) for name in OF_RESULT}
     arrays |= {name: getattr(found, field) for name, field in OF_TRUNK.items()}
     arrays |= {"drive": at.tau, "condition": np.array(found.condition)}
+    if at.touch is not None:
+        rows, force = at.touch.rows, at.touch.force
+        arrays |= {"touch_force": rows.in_world(force), "touch_gap": rows.gap, "touch_mode": at.touch.modes.mode}
+        arrays |= {WRENCH: rows.wrench(force)}
     return {name: x[None] for name, x in arrays.items() if x is not None}
 
 
@@ -121,7 +126,8 @@ def recorded(
     found = {} if account_shapes(chain, True).keys().isdisjoint(names) else accounting(samples.t, x)
     if "internal_wrench" not in found and not SPLIT_NAMES.isdisjoint(names):
         found = {**found, **_split(environment, samples)}
-    joint, joint_lowest, joint_when = lowest_joints(samples.lowest[:, l:], samples.lowest_time[:, l:])
+    of_joints = slice(l, l + 3 * chain.joint_count)
+    joint, joint_lowest, joint_when = lowest_joints(samples.lowest[:, of_joints], samples.lowest_time[:, of_joints])
     now, best, worst = samples.margins
     none = np.zeros((k, 0))
     arrays: dict[str, Any] = {name: x[name] for name in OF_RESULT} | found
@@ -133,7 +139,7 @@ def recorded(
         "tau": x["drive"],
         "object_pose": x["object_pose"],
         "object_twist": x["object_twist"],
-        "holding": np.tile([name in chain.grasps for name in chain.names], (k, 1)),
+        "holding": np.tile(np.array([name in chain.grasps for name in chain.names], dtype=bool), (k, 1)),
         "margin": now,
         "best_margin": best,
         "worst_margin": worst,
@@ -151,6 +157,7 @@ def recorded(
         "base_pose": x.get("floating_pose", none),
         "base_twist": x.get("floating_twist", none),
         "coupling_force": none,
+        **{name: x.get(name, none) for name in TOUCH_FIELDS},
     }
     return Trajectory(**{name: arrays[name] for name in names}, occurrences=occurrences)
 

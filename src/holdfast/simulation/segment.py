@@ -12,6 +12,7 @@ import numpy as np
 from holdfast.control.controller import Controller
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.consistency import require_closed
+from holdfast.dynamics.contact.fixed_modes import ContactModes
 from holdfast.dynamics.rank import closed_near
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.adaptive import Tolerance
@@ -19,8 +20,11 @@ from holdfast.simulation.adaptive_parts import RTOL_OF_PARTS as PARTS_RTOL
 from holdfast.simulation.adaptive_parts import AdaptivePartsStepper, HalvedPartsStepper
 from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.collocation import CollocationStepper
+from holdfast.simulation.contact_signals import ContactSignals
+from holdfast.simulation.contact_stepper import ContactStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Event, Occurrence
+from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
 from holdfast.simulation.run_record import RecordSettings
@@ -51,6 +55,7 @@ class RunSettings:
         events: the events in order of time.
         stops: times at which steps must end.
         recording: what is recorded.
+        by_impulses: whether contacts with the world are followed by steps with impulses instead of events.
     """
 
     environment: Environment
@@ -64,6 +69,7 @@ class RunSettings:
     events: list[Event]
     stops: Stops
     recording: RecordSettings
+    by_impulses: bool = False
 
     @property
     def end(self) -> float:
@@ -87,6 +93,8 @@ class Segment:
         law: the controller.
         generic_rank: rank of the constraint away from singular configurations.
         implicit: whether steps are linearly implicit, because explicit ones could not follow the damping and springs.
+        contacts: what the contacts with the world do; None without any.
+        least_gap: (k,) gaps below which open contacts touch, see `ContactSignals`; None without contacts.
     """
 
     settings: RunSettings
@@ -94,6 +102,8 @@ class Segment:
     law: Controller
     generic_rank: int
     implicit: bool = False
+    contacts: ContactModes | None = None
+    least_gap: Array | None = None
 
     @cached_property
     def controller(self) -> Controller:
@@ -110,6 +120,9 @@ class Segment:
     def stepper(self) -> Stepper:
         """The stepper of this segment; it subdivides steps of fixed length if `largest_drift` is given."""
         run = self.settings
+        if self.contacts is not None:
+            of = self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance, self.contacts
+            return ImpulseStepper(*of) if run.by_impulses else ContactStepper(*of)
         whole = run.make_stepper(self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance)
         if run.scheme.adaptive or run.largest_drift is None:
             return whole
@@ -123,7 +136,7 @@ class Segment:
     @cached_property
     def varied_parts(self) -> Stepper:
         """The stepper that divides a fixed step near a singular configuration into parts of different lengths."""
-        if self.implicit or self.settings.scheme.implicit:
+        if self.implicit or self.settings.scheme.implicit or self.contacts is not None:
             return HalvedPartsStepper(self.stepper)
         make = self.settings.make_stepper
         return AdaptivePartsStepper(
@@ -132,7 +145,9 @@ class Segment:
 
     @cached_property
     def signals(self) -> Signals:
-        """The margins of the chain."""
+        """The margins of the chain, and the signals of its contacts."""
+        if self.least_gap is not None:
+            return ContactSignals(self.environment.chain, self.least_gap)
         return Signals(self.environment.chain)
 
     @cached_property

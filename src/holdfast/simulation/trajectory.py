@@ -35,8 +35,9 @@ LOWEST = {
 # of a floating base, and of any trunk; results of 0.1 have no such arrays
 BASE_FIELDS = ("base_pose", "base_twist", "base_acceleration")
 TRUNK_FIELDS = (*BASE_FIELDS, "trunk_base_wrench")
-# arrays that a run without trunk and couplings need not give; results of 0.1 lack them
-EMPTY_FIELDS = (*TRUNK_FIELDS, "coupling_force")
+TOUCH_FIELDS = ("touch_force", "touch_gap", "touch_mode")
+# arrays that a run without trunk, couplings and contacts with the world need not give; results of 0.1 lack them
+EMPTY_FIELDS = (*TRUNK_FIELDS, "coupling_force", *TOUCH_FIELDS)
 # what a run of a chain with branches, loops, couplings or several objects does not determine
 NOT_OF_FORESTS = (
     "internal_wrench", "load_share", "wrist_wrench", "base_wrench", "spin", "best_margin", "worst_margin", "momentum",
@@ -131,6 +132,9 @@ class Trajectory(Frozen, RunOutputs):
     base_acceleration: Array = NOT_GIVEN
     trunk_base_wrench: Array = NOT_GIVEN
     coupling_force: Array = NOT_GIVEN
+    touch_force: Array = NOT_GIVEN
+    touch_gap: Array = NOT_GIVEN
+    touch_mode: Array = NOT_GIVEN
     every: int = 1
     stopped: str | None = None
     occurrences: tuple[Occurrence, ...] = ()
@@ -341,8 +345,12 @@ _RUN_ROWS = (
         " origin, world axes"),
     Row("coupling_force", ("couplings",), "N m or N", "forces of the couplings; a coupling acts on each of its joints"
         " with c times this"),
-    Row("base_impulse", (6,), "N m s, N s", "[angular; linear] impulses of the bases in impacts since the start, about"
-        " the world's origin, world axes"),
+    Row("base_impulse", (6,), "N m s, N s", "[angular; linear] impulses of the bases and of the world that the object"
+        " touches, in impacts since the start, about the world's origin, world axes"),
+    Row("touch_force", ("touches", 3), "N", "force of the world on the object at each contact, world axes",
+        labels=("x", "y", "z")),
+    Row("touch_gap", ("touches",), "m", "gap of each contact"),
+    Row("touch_mode", ("touches",), "", "what each contact does: 0 open, 1 sticks, 2 slips, 3 closed without friction"),
 )  # fmt: skip
 _KNOWN_ROWS = {
     **ARRAYS,

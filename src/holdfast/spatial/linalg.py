@@ -200,6 +200,27 @@ def back_substitution(L: Array, b: Array) -> Array:
     return array(rows).reshape(b.shape)
 
 
+def lu(A: Array) -> tuple[Array, Array]:
+    """Return L and U with L U = A, L with ones on its diagonal, eliminating in the given order. 2 n^3/3.
+
+    Args:
+        A: (n, n), whose pivots in this order must not vanish: a positive definite symmetric part suffices.
+    """
+    n, rest, columns, rows = len(A), A, [], []
+    for j in range(n):
+        below = rest[1:, 0] * reciprocal(rest[0, 0])
+        columns.append(concatenate([np.zeros(j), [1.0], below]))
+        rows.append(concatenate([np.zeros(j), rest[0]]))
+        rest = rest[1:, 1:] - outer(below, rest[0, 1:])
+    return array(columns).T, array(rows)
+
+
+def lu_solve(factors: tuple[Array, Array], b: Array) -> Array:
+    """Return A^-1 b with the factors of `lu`; b is (n,) or (n, m)."""
+    L, U = factors
+    return back_substitution(U.T, forward_substitution(L, b))
+
+
 def without_overflow(x: Array, axis: int | None = None) -> Array:
     """Return an array divided by a power of two, along an axis or as a whole, so that its largest entry is near 1.
 

@@ -85,7 +85,7 @@ def arms_outline(playback: Playback, k: int) -> Array:
         points += [base.p, *(link.p for link in links)]
         for frame, ends in zip([base, *links], ends_of(arm), strict=True) if arm.parents else ():
             points += [frame.R @ end + frame.p for end in ends]
-    return np.concatenate([np.array(points), playback.tip[k]])
+    return np.concatenate([np.array(points).reshape(-1, 3), playback.tip[k]])
 
 
 def trunk_outline(trunk: Trunk, playback: Playback, k: int) -> Array:

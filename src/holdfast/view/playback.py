@@ -207,6 +207,7 @@ def playback_of_run(
     if not chain.beyond_serial:
         strength[~run.holding[k]] = 1.0
     bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))
+    bases, tips = bases.reshape(len(k), len(chain.arms), 7), tips.reshape(len(k), len(rows), 3)
     return Playback(
         chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
         internal, run.margin[k], run.condition[k], strength, run.tau[k], surfaces, notes, commanded,

@@ -85,10 +85,10 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
     of_trunk = () if found.trunk is None else (found.trunk.qdd,)
     return ChainSolution(
         concatenate([*of_trunk, *(of_arm[name][0] for name in chain.arms)]),
-        array([of_arm[name][1] for name in chain.arms]),
+        array([of_arm[name][1] for name in chain.arms]).reshape(-1, 6),
         found.object_acceleration + pseudo_gravity(chain),
         rates,
-        array([of_arm[name][2] for name in chain.arms]),
+        array([of_arm[name][2] for name in chain.arms]).reshape(-1, 6),
         {name: pivots for name, (_, _, pivots) in alone.items()},
         None if found.trunk is None else found.trunk.base,
         None if trunk is None else base_wrench(trunk, betas, {name: of_arm[name][2] for name in trunk.mounts}),

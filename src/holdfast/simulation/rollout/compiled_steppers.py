@@ -323,9 +323,11 @@ def stepper_for(
     few = steps * (COST_OF_VERIFICATION if len(Signals(environment.chain).limited) else 1) < STEPS_WORTH_COMPILING
     acting = _acting_at_first(environment)
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
-    if few and not scheme.adaptive:
+    chain = environment.chain
+    without_code = not chain.arms or chain.touching is not None  # machine code has neither
+    if without_code or (few and not scheme.adaptive):
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
-    law, values = law_of(controller, environment.chain), getattr(controller, "values", {})
+    law, values = law_of(controller, chain), getattr(controller, "values", {})
     motions, constant = environment.base_motion.values(), isinstance(environment.inputs, Inputs)
     traceable = not _move_bases(acting) and all(getattr(motion, "traceable", False) for motion in motions)
     if traceable and not scheme.adaptive:

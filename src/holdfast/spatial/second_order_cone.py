@@ -42,6 +42,12 @@ class ConeScaling(NamedTuple):
         return _turned(self.w, self.inverse, x, -1.0)
 
     @property
+    def square(self) -> Array:
+        """W^2 = eta^2 (2 w w' - J), J = diag(1, -1, ..)."""
+        signs = np.diag([1.0, *[-1.0] * (len(self.w) - 1)])
+        return (self.eta * self.eta) * (outer(2.0 * self.w, self.w) - signs)
+
+    @property
     def inverse_square(self) -> Array:
         """W^-2 = (2 (J w)(J w)' - J) / eta^2, J = diag(1, -1, ..)."""
         turned = concatenate([self.w[:1], -self.w[1:]])

@@ -1,0 +1,211 @@
+"""Contact forces by an interior point in the object's freedoms, a fixed number of steps.
+
+With D = diag(1, mu, mu), x = D^-1 lambda and y = D u + mu |u_t| n, both in the cone s_0 >= |s_1|, Coulomb's law is
+x o y = 0, o the cone's product (De Saxce). Nothing is divided by mu. The path x o y = kappa [1, 0, 0] is followed to a
+small kappa with Newton's matrix of the whole equations
+
+    y = D u + s n,   s = sqrt(|mu u_t|^2 + (0.1 kappa)^2),   u = b + B z + compliance lambda,   z = sum along^T lambda
+
+including the derivative of s, E = 1 + n (mu u_t / s)^T. In Nesterov and Todd's scaling, W y = W^-1 x, H = W^2:
+
+    (1 + sum along^T D H E D B) dz = right-hand side,      r x r
+
+References: Mehrotra, "On the implementation of a primal-dual interior point method", 1992; Nesterov and Todd,
+"Self-scaled barriers and interior-point methods for convex programming", 1997.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.contact.contact_law import TINY, ReducedContact
+from holdfast.spatial.linalg import lu, lu_solve
+from holdfast.spatial.scalar import (
+    Array,
+    Scalar,
+    array,
+    concatenate,
+    each,
+    maximum,
+    minimum,
+    reciprocal,
+    scan,
+    select,
+    sqrt,
+    where,
+)
+from holdfast.spatial.second_order_cone import ConeScaling, cone_scaling, step_rate
+from holdfast.spatial.vector import largest
+
+LARGEST_DIRECTION = 1e100  # step of z that is taken
+LEAST_PRODUCT = 1e-10  # kappa at which the path ends
+E0 = np.array([1.0, 0.0, 0.0])
+
+
+class PathPace(NamedTuple):
+    """How the path is followed.
+
+    Attributes:
+        steps: their number.
+        smooth: part of kappa by which |u_t| is rounded at 0.
+        least: part of kappa that a step aims at, at least.
+        fraction: of the way to the boundary.
+    """
+
+    steps: int
+    smooth: float
+    least: float
+    fraction: float
+
+
+FAST = PathPace(15, 0.1, 0.1, 0.9)
+CAUTIOUS = PathPace(80, 0.05, 0.6, 0.7)
+
+
+class ConePoint(NamedTuple):
+    """A point near the path: z, and x and y of every contact inside of the cone."""
+
+    z: Array
+    x: list[Array]
+    y: list[Array]
+
+
+class ScaledContact(NamedTuple):
+    """A contact in units of its own mobility and of the largest free velocity.
+
+    Attributes:
+        by_z: (3, r) D B.
+        along: (3, r) rows of z by x, D along.
+        free: (3,) D b.
+        softness: (3,) D^2 compliance.
+    """
+
+    by_z: Array
+    along: Array
+    free: Array
+    softness: Array
+
+
+class Linearised(NamedTuple):
+    """A contact's equations at a point, dx = q - T dz and dy = gap + E (B dz + softness dx).
+
+    Attributes:
+        scaling: of Nesterov and Todd.
+        square: (3, 3) W^2.
+        coupling: (2,) mu u_t / s, the row of E below its normal.
+        gap: (3,) D u + s n - y.
+        T: (3, r).
+        soft: factors of 1 + H E softness.
+        part: (r, r) along^T T.
+    """
+
+    scaling: ConeScaling
+    square: Array
+    coupling: Array
+    gap: Array
+    T: Array
+    soft: tuple[Array, Array] | None
+    part: Array
+
+
+def path_forces(contacts: list[ReducedContact], pace: PathPace = FAST, compliant: bool = False) -> list[Array]:
+    """Return the forces of all contacts at the end of the path.
+
+    Args:
+        contacts: the contacts.
+        pace: how the path is followed.
+        compliant: whether any contact has a compliance.
+    """
+    roots = each(lambda c: sqrt(c.gauge), contacts)
+    stretches = each(lambda c: array([1.0, c.friction, c.friction]), contacts)
+    unit = TINY + largest(
+        entry * reciprocal(g) for c, D, g in zip(contacts, stretches, roots, strict=True) for entry in D * c.free
+    )
+
+    def scaled(c: ReducedContact, D: Array, root: Scalar) -> ScaledContact:
+        per = D * reciprocal(root)
+        return ScaledContact(
+            (per * c.by_z.T).T, (per * c.along.T).T, per * c.free * reciprocal(unit), per * per * c.compliance
+        )
+
+    own = each(scaled, contacts, stretches, roots)
+    start = ConePoint(0.0 * contacts[0].by_z[0], [E0] * len(contacts), [E0] * len(contacts))
+    last, _ = scan(lambda at, _: (_advanced(own, pace, at, compliant), None), start, [None] * pace.steps)
+    return each(lambda D, root, x: (unit * reciprocal(root)) * (D * x), stretches, roots, last.x)
+
+
+def _advanced(contacts: list[ScaledContact], pace: PathPace, at: ConePoint, compliant: bool) -> ConePoint:
+    """Return the next point: Mehrotra's predictor and corrector with one matrix."""
+    kappa = sum(x @ y for x, y in zip(at.x, at.y, strict=True)) * (1.0 / len(contacts))
+    smooth = pace.smooth * kappa
+    of = each(lambda c, x, y: _linearised(c, at.z, x, y, smooth, compliant), contacts, at.x, at.y)
+    factors = lu(np.eye(len(at.z)) + sum(one.part for one in of))
+    missing = sum(x @ c.along for c, x in zip(contacts, at.x, strict=True)) - at.z
+
+    def direction(wanted: list[Array]) -> tuple[Array, list[Array], list[Array]]:
+        """Return dz, dx and dy with dx + H dy = -x - H wanted."""
+        q = each(_right_side, of, at.x, wanted)
+        dz = lu_solve(factors, missing + sum(one @ c.along for c, one in zip(contacts, q, strict=True)))
+        ends = each(lambda c, one, own: _step(c, one, own, dz, compliant), contacts, of, q)
+        return dz, [dx for dx, _ in ends], [dy for _, dy in ends]
+
+    def longest(dx: list[Array], dy: list[Array], share: float) -> Scalar:
+        """Return the step, at most 1, that goes a share of the way to the boundary."""
+        rates = each(_rates, of, at.x, at.y, dx, dy)
+        worst = 0.0
+        for rate in rates:
+            worst = maximum(worst, rate)
+        return minimum(1.0, share * reciprocal(maximum(worst, 0.5 * share)))
+
+    _, dx, dy = direction([np.zeros(3)] * len(contacts))
+    less = 1.0 - longest(dx, dy, 1.0)
+    target = maximum(maximum(less * less * less, pace.least) * kappa, LEAST_PRODUCT)
+    dz, dx, dy = direction(each(lambda one, a, b: one.scaling.corrected(a, b, target), of, dx, dy))
+    length = longest(dx, dy, pace.fraction)
+    moves = where(largest(dz) < LARGEST_DIRECTION, length, 0.0) > 0.0  # what is not finite is not taken
+
+    def moved(old: Array, change: Array) -> Array:
+        return select(moves, old + length * change, old)
+
+    return ConePoint(moved(at.z, dz), each(moved, at.x, dx), each(moved, at.y, dy))
+
+
+def _linearised(c: ScaledContact, z: Array, x: Array, y: Array, smooth: Scalar, compliant: bool) -> Linearised:
+    u = c.free + c.by_z @ z
+    if compliant:
+        u = u + c.softness * x
+    s = sqrt(u[1:] @ u[1:] + smooth * smooth)
+    coupling = u[1:] * reciprocal(s)
+    W = cone_scaling(x, y)
+    H = W.square
+    T = H @ _coupled(c.by_z, coupling)
+    soft = None
+    if compliant:
+        soft = lu(np.eye(3) + H @ _coupled(np.diag(c.softness), coupling))
+        T = lu_solve(soft, T)
+    gap = concatenate([[u[0] + s - y[0]], u[1:] - y[1:]])
+    return Linearised(W, H, coupling, gap, T, soft, c.along.T @ T)
+
+
+def _coupled(rows: Array, coupling: Array) -> Array:
+    """Return E rows."""
+    return array([rows[0] + coupling @ rows[1:], rows[1], rows[2]])
+
+
+def _right_side(one: Linearised, x: Array, wanted: Array) -> Array:
+    q = -x - one.square @ (one.gap + wanted)
+    return q if one.soft is None else lu_solve(one.soft, q)
+
+
+def _step(c: ScaledContact, one: Linearised, q: Array, dz: Array, compliant: bool) -> tuple[Array, Array]:
+    dx = q - one.T @ dz
+    du = c.by_z @ dz
+    if compliant:
+        du = du + c.softness * dx
+    return dx, one.gap + concatenate([[du[0] + one.coupling @ du[1:]], du[1:]])
+
+
+def _rates(one: Linearised, x: Array, y: Array, dx: Array, dy: Array) -> Scalar:
+    return maximum(step_rate(x, one.scaling.of_s, dx), step_rate(y, one.scaling.of_z, dy))

@@ -1,0 +1,115 @@
+"""Contact forces to the last digit: Newton's method on contacts of a small compliance whose effect is taken back.
+
+    z = sum along^T x(z),   x_n = max(0, v_n),   x_t = v_t, shortened to mu x_n
+    v = (eps held - u) / (eps + compliance)
+
+One Newton step for every eps, after which `held` is the new x (the proximal point method): at its end x = held, and a
+rigid contact obeys its law without any compliance. Open contacts get exactly no force, and slipping ones lie exactly
+on their cone. The matrix 1 + sum along^T x'(v) B / (eps + compliance) is r x r.
+
+Reference: Carpentier, Montaut and Le Lidec, "From compliant to rigid contact simulation", RSS 2024.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from holdfast.dynamics.contact.contact_law import ReducedContact, unknown, violation
+from holdfast.spatial.linalg import lu, lu_solve
+from holdfast.spatial.scalar import (
+    Array,
+    Scalar,
+    array,
+    concatenate,
+    each,
+    maximum,
+    reciprocal,
+    scan,
+    select,
+    sqrt,
+    where,
+)
+from holdfast.spatial.vector import outer
+
+COMPLIANCES = (1e-2, 1e-3, 1e-3, 1e-4)  # relative to each contact's mobility
+LENGTHS = (1.0, 0.5, 0.2, 0.05)  # of the steps that are tried
+
+
+def polished(
+    contacts: list[ReducedContact], held: list[Array], compliances: tuple[float, ...] = COMPLIANCES
+) -> tuple[list[Array], Scalar]:
+    """Return the forces that violate the laws least, of all iterates from given ones, and their violation."""
+
+    def refined(carry: tuple[list[Array], list[Array], Scalar], relative: float) -> tuple[Any, None]:
+        held, best, least = carry
+        held = _newton_step(contacts, held, relative)
+        now = violation(contacts, held)
+        better = now < least
+        return (held, _better(held, best, better), where(better, now, least)), None
+
+    start = (held, held, violation(contacts, held))
+    (_, best, least), _ = scan(refined, start, compliances)
+    return best, least
+
+
+def _newton_step(contacts: list[ReducedContact], held: list[Array], relative: float) -> list[Array]:
+    """Return the forces after one Newton step at a compliance, as long as leaves least of the equation."""
+    stiffness = each(lambda c: reciprocal(c.gauge * relative + c.compliance), contacts)
+
+    def pressing(c: ReducedContact, x: Array, stiff: Scalar, z: Array) -> Array:
+        return stiff * ((c.gauge * relative) * x - c.velocity(z))
+
+    z = unknown(contacts, held)
+    found = each(lambda c, x, stiff: lawful(pressing(c, x, stiff, z), c.friction), contacts, held, stiffness)
+    parts = each(lambda c, one, stiff: c.along.T @ ((stiff * one[1]) @ c.by_z), contacts, found, stiffness)
+    factors = lu(np.eye(len(z)) + sum(parts))
+    step = lu_solve(factors, unknown(contacts, [x for x, _ in found]) - z)
+
+    def tried(length: float) -> tuple[list[Array], Scalar]:
+        there = z + length * step
+        forces = each(
+            lambda c, x, stiff: lawful_force(pressing(c, x, stiff, there), c.friction), contacts, held, stiffness
+        )
+        left = there - unknown(contacts, forces)
+        return forces, left @ left
+
+    best, least = tried(LENGTHS[0])
+    for length in LENGTHS[1:]:
+        forces, off = tried(length)
+        best, least = _better(forces, best, off < least), where(off < least, off, least)
+    return best
+
+
+def _better(new: list[Array], old: list[Array], chosen: Scalar) -> list[Array]:
+    """Return the new forces if they are chosen, else the old ones."""
+    return each(lambda a, b: select(chosen, a, b), new, old)
+
+
+def lawful_force(v: Array, mu: Scalar) -> Array:
+    """Return v with its normal part at least 0, and its tangential part at most mu times that."""
+    n = maximum(v[0], 0.0)
+    size = sqrt(v[1:] @ v[1:])
+    ratio = where(size > mu * n, mu * n * reciprocal(where(size > 0.0, size, 1.0)), 1.0)
+    return concatenate([[n], ratio * v[1:]])
+
+
+def lawful(v: Array, mu: Scalar) -> tuple[Array, Array]:
+    """Return `lawful_force` and its derivative, (3, 3)."""
+    n, pressed = maximum(v[0], 0.0), where(v[0] > 0.0, 1.0, 0.0)
+    size = sqrt(v[1:] @ v[1:])
+    slips = size > mu * n
+    inverse = reciprocal(where(size > 0.0, size, 1.0))
+    ratio = where(slips, mu * n * inverse, 1.0)
+    along = where(slips, inverse, 0.0) * v[1:]
+    turning = ratio * pressed * (np.eye(2) - outer(along, along))
+    by_normal = (mu * pressed) * along
+    D = array(
+        [
+            [pressed, 0.0, 0.0],
+            [by_normal[0], turning[0, 0], turning[0, 1]],
+            [by_normal[1], turning[1, 0], turning[1, 1]],
+        ]
+    )
+    return concatenate([[n], ratio * v[1:]]), D

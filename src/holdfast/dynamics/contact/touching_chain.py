@@ -1,0 +1,138 @@
+"""Forces and impulses of the world on the object of a chain, found in the chain's mobility at the object.
+
+A contact is closed if its gap is at most `CLOSED` and it does not separate. Forces belong to accelerations: a closed
+contact must not approach (that takes an impulse, `touch`). One whose point moves along the surface slides, with a
+friction of known direction; one at rest may start to move in any.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, pseudo_gravity
+from holdfast.dynamics.closed.object_motion import object_motion
+from holdfast.dynamics.closed.sequential import tips_of
+from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.dynamics.contact.rows import ContactRows, contact_rows
+from holdfast.dynamics.contact.solve_contacts import solve_contacts
+from holdfast.dynamics.contact.solved_contacts import ContactSolution, ContactStatus
+from holdfast.dynamics.tree.of_chain import object_response
+from holdfast.errors import ContactError, StateError
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+CLOSED = 1e-9  # m: a smaller gap is closed
+LEAST_SLIP = 1e-9  # m/s, or relative to a larger twist of the object: a slower contact is at rest
+
+
+class TouchingForces(NamedTuple):
+    """The contacts of a chain's object, with the forces of the world on it.
+
+    Attributes:
+        rows: all candidates.
+        closed: (k,) which of them are closed.
+        solution: forces of the closed ones; accelerations are changes of the object's.
+        slide: (closed, 2) unit directions in which contacts slide, 0 for those at rest.
+    """
+
+    rows: ContactRows
+    closed: Array
+    solution: ContactSolution
+    slide: Array
+
+    @property
+    def force(self) -> Array:
+        """The forces of all candidates on the object, (k, 3) world axes."""
+        found = np.zeros((len(self.closed), 3))
+        found[self.closed] = self.solution.force
+        return self.rows.in_world(found)
+
+    @property
+    def mode(self) -> Array:
+        """Numbers of `ContactMode` of all candidates, (k,)."""
+        found = np.zeros(len(self.closed), int)
+        found[self.closed] = self.solution.mode
+        return found
+
+    def of_result(self, alpha: Array) -> dict[str, Any]:
+        """Return the fields of `ForwardResult`, for an object acceleration alpha (6,) with the forces."""
+        found = self.solution
+        span = None if found.range is None else found.range + (alpha - found.change)
+        return {
+            "touch_force": self.force,
+            "touch_gap": self.rows.gap,
+            "touch_mode": self.mode,
+            "touch_status": found.status,
+            "touch_residual": found.residual,
+            "touch_range": span,
+        }
+
+
+def touching_forces(motion: ChainMotion, state: State, free: Solution) -> TouchingForces:
+    """Return the forces of the world on the object. O(l) + O(k).
+
+    Args:
+        motion: the chain's motion; the chain has `touching`.
+        state: its state.
+        free: its solution by `sequential` without forces of the world.
+
+    Raises:
+        StateError: a closed contact approaches.
+    """
+    touching, twist = motion.chain.touching, state.object_twist
+    assert touching is not None
+    rows = contact_rows(touching, state.object_frame, twist)
+    u, least = rows.velocity(twist), LEAST_SLIP * max(1.0, float(np.abs(twist).max()))
+    closed = (rows.gap <= CLOSED) & (u[:, 2] <= least)
+    fastest = int(np.argmin(np.where(closed, u[:, 2], np.inf)))
+    if closed.any() and u[fastest, 2] < -least:
+        raise StateError(
+            f"contact '{touching.names[fastest]}' is closed and approaches with {-u[fastest, 2]:.3g} m/s, expected a"
+            " state at rest or sliding there; try holdfast.touch, which returns the state after the impact"
+        )
+    speed = np.linalg.norm(u[closed, :2], axis=1)
+    moves = speed > least
+    slide = np.where(moves, u[closed, :2].T / np.where(moves, speed, 1.0), 0.0).T
+    names = [*motion.chain.grasps, *motion.lone_on_trunk]
+    tips = dict(zip(motion.chain.grasps, free.tips, strict=True)) if len(names) == len(free.tips) else tips_of(motion)
+    P = chain_mobility(motion, tips)
+    alpha = free.object_acceleration + pseudo_gravity(motion.chain)
+    b = rows.C[closed] @ alpha + rows.drift[closed]
+    return TouchingForces(rows, closed, solve_contacts(P, rows.C[closed], b, rows.friction[closed], slide=slide), slide)
+
+
+def chain_mobility(motion: ChainMotion, tips: dict[str, TipResponse]) -> Array:
+    """Return the object's mobility in the chain, (6, 6), from the arms' tip responses; see `object_mobility`."""
+    return np.array(object_response(motion.chain, motion.contacts, tips, motion.body.free, motion.trunk).mobility)
+
+
+def pushed(motion: ChainMotion, state: State, wrench: Array) -> ChainMotion:
+    """Return the motion with one more wrench (6,) on the object about C, world axes."""
+    total = motion.body.wrench + wrench
+    body = object_motion(motion.chain.held_object, state.object_frame, state.object_twist, total)
+    case = None if motion.object_case is None else motion.object_case._replace(wrench=total)
+    return replace(motion, body=body, object_case=case)
+
+
+def require_resolved(found: ContactSolution, names: tuple[str, ...]) -> None:
+    """Refuse a contact problem that has no solution, or to which none was found.
+
+    Raises:
+        ContactError: with the status.
+    """
+    at = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+    if found.status is ContactStatus.JAMMED:
+        raise ContactError(
+            f"no contact forces satisfy Coulomb's law at {at}: the chain jams (Painleve), and an impulse without a"
+            " collision follows; try a smaller friction, or another direction of motion",
+            found.status.name,
+        )
+    if found.status is ContactStatus.UNRESOLVED:
+        raise ContactError(
+            f"no contact forces were found at {at} that satisfy Coulomb's law to 1e-9 of the accelerations: the best"
+            f" ones violate it by {found.residual:.1e}; try fewer or less opposed contacts, or a smaller friction",
+            found.status.name,
+        )

@@ -1,0 +1,184 @@
+"""Runs whose object touches the world: where modes change, and what the log says about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from holdfast.dynamics.contact.decided_modes import Decision, Reached, decided
+from holdfast.dynamics.contact.fixed_modes import ContactModes, Touch
+from holdfast.dynamics.contact.rows import contact_rows
+from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactStatus
+from holdfast.errors import MethodNotApplicable, ModelError, StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.balance import Sums
+from holdfast.simulation.checkpoint import Origin
+from holdfast.simulation.contact_signals import CONE, FORCE, GAP, QUANTITIES, ContactSignals
+from holdfast.simulation.events import Occurrence, OccurrenceKind
+from holdfast.simulation.instant import Instant, evaluate
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.segment import Segment
+from holdfast.spatial.scalar import Array
+
+EVENTS, STEPS = "events", "steps"
+WAYS = (EVENTS, STEPS)
+VERBS = {"touch": "touches", "lift": "lifts", "stick": "sticks", "slip": "slips"}
+MOST_AT_ONCE = 100  # entries of the log within `AT_ONCE`
+AT_ONCE = 1e-9  # s
+
+
+def require_contacts(
+    chain: ClosedChain, contacts: Any, scheme: Tableau, on_singular: str, unsupported: Sequence[str]
+) -> None:
+    """Refuse ways to follow contacts with the world that there are not.
+
+    Args:
+        chain: the chain.
+        contacts: the argument of `simulate`.
+        scheme: the Runge-Kutta scheme.
+        on_singular: the argument of `simulate`.
+        unsupported: arguments that are given, and are not supported with contacts.
+
+    Raises:
+        ModelError: the way is unknown, or the chain has nothing that touches.
+        MethodNotApplicable: another argument does not go with contacts; the message names it.
+    """
+    if contacts is not None and contacts not in WAYS:
+        raise ModelError(
+            f"simulation: contacts: expected one of {', '.join(WAYS)}, got {checks.short(contacts)}."
+            + checks.did_you_mean(str(contacts), WAYS)
+        )
+    if chain.touching is None:
+        if contacts is not None:
+            raise ModelError(
+                f"simulation: contacts: expected a chain with touching for {contacts!r}, got one without; try"
+                " ClosedChain(..., touching=holdfast.world.Touching(points, world))"
+            )
+        return
+    if scheme.adaptive:
+        raise MethodNotApplicable(f"scheme: expected fixed steps with contacts, got {scheme.name!r}; try 'rk4'")
+    if on_singular != "stop":
+        raise MethodNotApplicable("on_singular: expected 'stop' with contacts; passing through is not built with them")
+    if unsupported:
+        raise MethodNotApplicable(
+            f"{unsupported[0]}: expected its default in a run with contacts; it is not built there"
+        )
+
+
+def reached(at: Instant, signals: ContactSignals, margins: Array) -> Reached:
+    """Return which contacts an event concerns, from the signals (signals,) that are negative there."""
+    touch = at.touch
+    assert touch is not None
+    of_contacts = margins[signals.of_margins :].reshape(-1, len(QUANTITIES)) < 0.0
+    slipping = {}
+    for j in np.flatnonzero(of_contacts[:, CONE]).tolist():
+        t = touch.force[j, :2] @ touch.rows.axes[j, :2]
+        slipping[j] = -t / np.linalg.norm(t)
+    touched, lifted = (np.flatnonzero(of_contacts[:, i]).tolist() for i in (GAP, FORCE))
+    return Reached(touched, lifted, slipping)
+
+
+def with_modes(
+    segment: Segment, origin: Origin, sums: Sums, before: Touch | None = None, by: Reached | None = None
+) -> tuple[Segment, Origin, Sums, list[Occurrence]]:
+    """Return the segment with the contacts' modes from an instant on, the state after impacts, and entries for the log.
+
+    Args:
+        segment: the segment; without contacts it is returned unchanged.
+        origin: the instant.
+        sums: work and impulses so far.
+        before: the contacts just before; None at the start of a run.
+        by: what an event has located.
+
+    Raises:
+        StateError: no impulses or forces satisfy the laws of contact.
+    """
+    environment = segment.environment
+    touching = environment.chain.touching
+    if touching is None:
+        return segment, origin, sums, []
+    generic_rank, law = segment.generic_rank, segment.controller
+    free = evaluate(environment, law, origin.t, origin.state, origin.memory, generic_rank=generic_rank)
+    held = free.result.held
+
+    def accelerate(state):  # type: ignore[no-untyped-def]
+        of = environment, law, origin.t, state, origin.memory
+        return evaluate(*of, generic_rank=generic_rank, held=held).result.object_acceleration
+
+    found = decided(free.chain, origin.state, accelerate, held, by)
+    rows = contact_rows(touching, found.state.object_frame, found.state.object_twist)
+    news = _log(origin.t, touching.names, None if before is None else before.modes, found)
+    sums = sums._replace(impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + found.outer_impulse)
+    least_gap = None if segment.settings.by_impulses else np.minimum(rows.gap, 0.0)
+    segment = replace(segment, contacts=found.modes, least_gap=least_gap)
+    return segment, replace(origin, state=found.state), sums, news
+
+
+def _log(t: float, names: Sequence[str], before: ContactModes | None, found: Decision) -> list[Occurrence]:
+    """Return the entries for the changes of modes and for impulses at an instant."""
+    news = []
+    old = np.zeros(len(names), int) if before is None else before.mode
+    noted = "" if found.status is ContactStatus.OK else f"; {found.status.value}"
+    for j, name in enumerate(names):
+        now, impulse = int(found.modes.mode[j]), found.impulse[j]
+        pushed = bool(impulse.any())
+        kind: OccurrenceKind
+        if pushed and found.jammed:
+            kind, text = "jam", "jams: no forces satisfy the laws of contact, an impulse without a collision does"
+        elif pushed:
+            kind, text = "touch", "touches" if old[j] == ContactMode.OPEN else "is struck"
+        elif old[j] == now:
+            continue
+        elif now == ContactMode.OPEN:
+            kind, text = "lift", "lifts"
+        elif old[j] == ContactMode.OPEN:
+            kind, text = "touch", "touches"
+        elif now == ContactMode.STICKS:
+            kind, text = "stick", "sticks"
+        else:
+            kind, text = "slip", "slips"
+        if pushed:
+            size = float(np.linalg.norm(impulse))
+            text += f", impulse {size:.4g} N s; all impulses change the kinetic energy by {found.energy_change:.3g} J"
+            text += "" if now == ContactMode.OPEN else f"; then it {ContactMode(now).name.lower()}"
+        given = {"impulse": tuple(impulse.tolist())} if pushed else {}
+        news.append(Occurrence(t, kind, name, f"'{name}' {text}{noted}", **given))
+        if left := float(found.rebounding[j]):
+            text = f"'{name}' comes to rest: its rebounds, too slow to follow, would end after another {left:.3g} s"
+            news.append(Occurrence(t, "rest", name, text, rebounds_until=t + left))
+    if news and any(one.kind in ("touch", "jam") for one in news):
+        first = next(k for k, one in enumerate(news) if one.kind in ("touch", "jam"))
+        news[first] = replace(news[first], energy_change=found.energy_change)
+    return news
+
+
+def changes(before: Instant, after: Instant, names: Sequence[str]) -> list[Occurrence]:
+    """Return the entries for contacts whose modes differ between the ends of a step with impulses."""
+    assert before.touch is not None and after.touch is not None
+    news = []
+    for j, (old, now) in enumerate(zip(before.touch.modes.mode, after.touch.modes.mode, strict=True)):
+        if old == now:
+            continue
+        kind: OccurrenceKind = "touch" if old == ContactMode.OPEN else "lift"
+        if ContactMode.OPEN not in (old, now):
+            kind = "stick" if now == ContactMode.STICKS else "slip"
+        news.append(Occurrence(after.t, kind, names[j], f"'{names[j]}' {VERBS[kind]} in the step that ends here"))
+    return news
+
+
+def require_progress(occurrences: Sequence[Occurrence]) -> None:
+    """Refuse modes that change again and again at one time.
+
+    Raises:
+        StateError: naming the contact that changed last.
+    """
+    if len(occurrences) > MOST_AT_ONCE and occurrences[-1].t - occurrences[-MOST_AT_ONCE].t < AT_ONCE:
+        one = occurrences[-1]
+        raise StateError(
+            f"contacts: '{one.name}' and others change their modes {MOST_AT_ONCE} times at t = {one.t:.9g} s; expected a"
+            " motion in which every mode lasts; try other points or shapes, or contacts='steps'"
+        )

@@ -1,0 +1,90 @@
+"""The signals at whose zeros contacts change their modes, behind the margins of grasps and joints.
+
+Four for every contact, infinite where they do not apply: the gap of an open contact [m], the normal force of a closed
+one [N], what friction leaves of a sticking one, mu lambda_n - |lambda_t| [N], and the speed of a slipping one along its
+slip [m/s]. A contact that has just lifted has a gap of zero up to rounding, and may have been located just below zero:
+it touches again below its gap at the start of the stretch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from holdfast.dynamics.contact.fixed_modes import Touch
+from holdfast.dynamics.contact.solved_contacts import ContactMode
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.margins import Quantity, Signals
+from holdfast.spatial.frozen import REQUIRED
+from holdfast.spatial.scalar import Array
+
+GAP, FORCE, CONE, SLIP = range(4)
+QUANTITIES: tuple[Quantity, ...] = ("gap", "normal force", "friction", "slip")
+ROUNDING = 1e-14  # m
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSignals(Signals):
+    """The margins of a chain and the signals of its contacts, in fixed modes.
+
+    Attributes:
+        least_gap: (k,) gap below which a contact touches, not above zero [m].
+    """
+
+    least_gap: Array = REQUIRED
+
+    def __len__(self) -> int:
+        return self.of_margins + 4 * len(self.least_gap)
+
+    @property
+    def of_margins(self) -> int:
+        """The number of margins of grasps and joints, which come first."""
+        return super().__len__()
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Name of each signal: those of the margins, then four times that of every contact."""
+        assert self.chain.touching is not None
+        return [*super().names, *(name for name in self.chain.touching.names for _ in QUANTITIES)]
+
+    @cached_property
+    def quantities(self) -> list[Quantity]:
+        """The quantity that each signal limits."""
+        return [*super().quantities, *QUANTITIES * len(self.least_gap)]
+
+    @cached_property
+    def limited(self) -> Array:
+        """Indices of the signals that have a limit."""
+        return np.concatenate([super().limited, np.arange(self.of_margins, len(self))])
+
+    @property
+    def logged(self) -> Array:
+        """Indices of the signals whose violations are logged: not those of contacts, which change modes instead."""
+        return self.limited[self.limited < self.of_margins]
+
+    def of_each(self, instants: Sequence[Instant]) -> Array:
+        """Return all signals at several instants, (instants, signals)."""
+        found = [self._of_touch(at.touch) for at in instants if at.touch is not None]
+        return np.concatenate([super().of_each(instants), found], axis=1)
+
+    def _of_touch(self, touch: Touch) -> Array:
+        """Return the signals of the contacts, (4 k,)."""
+        mode, force = touch.modes.mode, touch.force
+        found = np.full((len(mode), 4), np.inf)
+        is_open, sticks = mode == ContactMode.OPEN, mode == ContactMode.STICKS
+        found[is_open, GAP] = (touch.rows.gap - self.least_gap + ROUNDING)[is_open]
+        found[~is_open, FORCE] = force[~is_open, 2]
+        left = touch.rows.friction * force[:, 2] - np.hypot(force[:, 0], force[:, 1])
+        found[sticks, CONE] = left[sticks]
+        found[:, SLIP] = touch.slip_speed
+        return found.ravel()
+
+    def description(self, at: Any, signal: int) -> str:
+        """Return a sentence on what happens when a signal reaches zero."""
+        if signal < self.of_margins:
+            return super().description(at, signal)
+        return f"{self.quantities[signal]} of contact '{self.names[signal]}' reaches zero"
