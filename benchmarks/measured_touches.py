@@ -35,7 +35,8 @@ def standing(urdf: Path) -> hf.ClosedChain:
     arm = replace(arm, frames={"fingers": (arm.joint_count - 1, arm.tip @ hf.Pose.translation(*FINGERS))})
     top = hf.Arm([hf.Joint("prismatic")], [hf.Link(1.0, name="top")], base=hf.Pose.translation(*TABLE))
     touch = hf.Closure("left/fingers", "table/top", hf.Grasp("planar"))
-    return hf.ClosedChain({"left": arm, "table": top}, None, {}, loops={"touch": touch})
+    unheld = hf.HeldObject.box(1.0, 0.1, 0.1, 0.1)
+    return hf.ClosedChain({"left": arm, "table": top}, unheld, {}, loops={"touch": touch})
 
 
 def postures(chain: hf.ClosedChain, name: str) -> Any:

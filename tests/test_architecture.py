@@ -58,7 +58,7 @@ MAY_IMPORT = {
     "codegen": USE | {"io"},
     "view": FILES_AND_SCENES,
     "plot": {"view"},
-    "cli": FILES_AND_SCENES | {"codegen", "sweeps", "view", "holdfast"},
+    "cli": FILES_AND_SCENES | {"codegen", "sweeps", "view", "calibration", "holdfast"},
 }
 # imports inside functions, of what the room cannot know when it is loaded
 ON_CALL = {"io/result_reader.py": {"scenario"}, "sweeps/result.py": {"view"}}

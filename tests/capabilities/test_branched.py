@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,14 @@ from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
-    "ClosedChain", "calibrate", "close", "compile", "control.GravityCompensation", "control.ObjectTracking",
-    "control.clipped", "diagnose", "dynamics.attach", "dynamics.centre_of_mass", "dynamics.closure",
-    "dynamics.kinetic_energy", "dynamics.link_poses", "dynamics.momentum", "dynamics.momentum_rate",
-    "dynamics.potential_energy", "dynamics.power", "dynamics.release", "forces.distribute",
-    "forces.grasp_margins", "forces.joint_margins", "forces.least_peak", "forces.lift_margin", "forward_dynamics",
-    "forward_dynamics_jacobian", "forward_dynamics_jvp", "forward_dynamics_vjp", "holding_torques",
-    "inverse_dynamics", "linearise", "plot.playback_of_run", "plot.save_plots", "project", "simulate",
+    "ClosedChain", "calibrate", "calibration.load_postures", "close", "compile", "control.GravityCompensation",
+    "control.ObjectTracking", "control.clipped", "diagnose", "dynamics.attach", "dynamics.centre_of_mass",
+    "dynamics.closure", "dynamics.kinetic_energy", "dynamics.link_poses", "dynamics.momentum",
+    "dynamics.momentum_rate", "dynamics.potential_energy", "dynamics.power", "dynamics.release",
+    "forces.distribute", "forces.grasp_margins", "forces.joint_margins", "forces.least_peak",
+    "forces.lift_margin", "forward_dynamics", "forward_dynamics_jacobian", "forward_dynamics_jvp",
+    "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise", "plot.playback_of_run",
+    "plot.save_plots", "project", "simulate",
 }  # fmt: skip
 
 
@@ -30,8 +32,17 @@ def short_run() -> Any:
     return hf.simulate(p.chain, p.state, lambda t, state, memory: (p.tau, memory), 1e-3, 1e-3)
 
 
+def table_of_postures() -> str:
+    """Return the path of a table with one posture."""
+    names = two_arms_with_grippers().chain.joint_names()
+    path = Path(tempfile.mkdtemp()) / "postures.csv"
+    path.write_text(f"{','.join(names)}\n{','.join('0' for _ in names)}\n")
+    return str(path)
+
+
 # results, which functions of this register make
 RESULTS = {
+    "calibration.Calibration",
     "compiled.CompiledChain", "compiled.CompiledMechanism", "control.TimedPath", "dynamics.ForwardResult",
     "dynamics.MechanismResult",
     "dynamics.MechanismAttachment", "dynamics.MechanismLinearisation", "dynamics.MechanismTorques",
@@ -40,6 +51,7 @@ RESULTS = {
 }  # fmt: skip
 # of arguments with defaults, those that only chains with branches need
 BESIDE = {
+    "calibration.load_postures": {"path": table_of_postures()},
     "calibrate": {
         "postures": np.tile(two_arms_with_grippers().state.q[:16], (3, 1)),
         "seek": ["bases:arm2"],

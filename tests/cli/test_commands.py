@@ -17,7 +17,8 @@ from tests.systems import two_collinear_stretched_6r
 
 FILE = str(Path(__file__).parents[1] / "data" / "cases.json")
 COMMANDS = (
-    "solve", "diagnose", "simulate", "sweep", "summary", "plot", "view", "export", "export-c", "methods", "doctor",
+    "solve", "diagnose", "calibrate", "simulate", "sweep", "summary", "plot", "view", "export",
+    "export-c", "methods", "doctor",
 )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ from holdfast.model import checks
 COMMANDS = {
     "solve": "solve",
     "diagnose": "diagnose",
+    "calibrate": "calibrate",
     "simulate": "simulate",
     "sweep": "sweep",
     "summary": "results",
@@ -35,7 +36,7 @@ COMMANDS = {
     "doctor": "doctor",
 }
 LONGEST_REFUSAL = 1000  # characters of the parser's, which repeats arguments in full
-REPEATABLE = ("--set", "--function", "--of", "--by")  # options that may be given more than once
+REPEATABLE = ("--set", "--function", "--of", "--by", "--seek")  # options that may be given more than once
 MOVED_COMMANDS = {"bench": "try `python -m benchmarks.bench` in a clone of the repository"}
 
 
