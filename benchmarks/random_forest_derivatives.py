@@ -168,8 +168,8 @@ class Compiled(NamedTuple):
 
 def compiled_outcome(p: ForestProblem, timed: bool = True) -> Compiled:
     """Return how gradients and rates of a forest by machine code compare; only accelerations if forces are a choice."""
-    forward = hf.compile(p.forest, parameters=["link_wrench"]).forward_dynamics
-    given, random = {"q": p.q, "qd": p.qd, "tau": p.tau, "link_wrench": p.wrenches}, np.random.default_rng(2)
+    forward, random = hf.compile(p.forest, parameters=["link_wrench"]).forward_dynamics, np.random.default_rng(2)
+    given: dict[str, Any] = {"q": p.q, "qd": p.qd, "tau": p.tau, "link_wrench": p.wrenches}
     try:
         unique = forward(**given).status is Status.OK
     except SingularChainError:
@@ -180,7 +180,7 @@ def compiled_outcome(p: ForestProblem, timed: bool = True) -> Compiled:
     )
     by = [name for name in FOREST_ARGUMENTS if not name.endswith("_pose") and (unique or name in KEEP_CLOSED)]
     shapes = {name: x.shape for name, x in ForestArguments(*p[1:]).values(by).items()}
-    bars = {name: random.normal(size=forward.function.terms.outputs[name]) for name in of}
+    bars: dict[str, Any] = {name: random.normal(size=forward.function.terms.outputs[name]) for name in of}
     along = {name: random.normal(size=shape) for name, shape in shapes.items()}
     if "link_inertia" in along:
         along["link_inertia"] = 0.5 * (along["link_inertia"] + np.swapaxes(along["link_inertia"], 1, 2))

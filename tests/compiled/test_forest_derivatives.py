@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,7 +55,8 @@ def ratio(forest) -> float:
 def test_chains(name):
     """Gradients, rates and Jacobians of the reference, by everything; where forces are a choice, at fixed frames."""
     p, rng = branched_problems()[name], np.random.default_rng(3)
-    forward, given = hf.compile(p.chain).forward_dynamics, arguments(p) | {"tau": p.tau}
+    forward: Any = hf.compile(p.chain).forward_dynamics
+    given = arguments(p) | {"tau": p.tau}
     unique = forward(**given).status is Status.OK
     results = [x for x in forward.function.terms.outputs if unique or x not in FORCES]
     fixed = [x for x in chain_arguments(p.chain) if x not in ("q", "qd") and not x.endswith(("pose", "twist"))]
@@ -123,10 +125,10 @@ def test_symmetric_by_torques(problem, forward):
 def test_frames_within_limbs():
     """By placements of joints and frames of closures, which are within limbs, as the reference."""
     p = random_forest(10)
-    forward, bars = hf.compile(p.forest).forward_dynamics, {"closure_wrench": np.ones((len(p.forest.closures), 6))}
+    forward, bars = hf.compile(p.forest).forward_dynamics, np.ones((len(p.forest.closures), 6))
     by = ["joint_pose", "tip_pose", "grasp_pose"]
-    found = forward.vjp(p.q, p.qd, p.tau, by=by, **bars)
-    wanted = forest_dynamics_vjp(p.forest, p.q, p.qd, p.tau, by=by, check=False, **bars)
+    found = forward.vjp(p.q, p.qd, p.tau, by=by, closure_wrench=bars)
+    wanted = forest_dynamics_vjp(p.forest, p.q, p.qd, p.tau, by=by, check=False, closure_wrench=bars)
     assert all(gap(found[x], wanted[x]) <= 1e-10 for x in by)
 
 
