@@ -67,7 +67,7 @@ def panda_excitation(folder: Path) -> bool:
     first, second = between(ready, 0.0, 0.5), between(ready, 0.5, 1.0)
     plain = measurement_errors(chain, second, "tau")
     published = A / (1.0 + np.exp(-B * (second.qd + C))) - A / (1.0 + np.exp(-B * C))
-    print(line("rms torque, second half [N m]", rms(second.tau)))
+    print(line("rms torque, second half [N m]", rms(np.asarray(second.tau))))
     print(line("residual of the model as it is", rms(plain)))
     print(line("with the published friction", rms(plain - published)))
     print(line("bar: 1.1 times the published residual, whole log", PANDA_BAR))
@@ -105,7 +105,7 @@ def gen3_motion(folder: Path) -> bool:
     def held_out(found: hf.identification.Identification) -> np.ndarray:
         return np.concatenate([measurement_errors(found.chain, one, "tau", found.others) for one in second])
 
-    print(line("rms torque [N m]", rms(ready.tau)))
+    print(line("rms torque [N m]", rms(np.asarray(ready.tau))))
     print(line("residual of the model as it is", rms(measurement_errors(bare, ready, "tau"))))
     friction = ("damping", "friction", "friction_offset")
     free = hf.identification.Prior(links=1.0)

@@ -21,6 +21,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
+from scipy.stats import norm as normal
+from scipy.stats import t as student
 
 from holdfast.identification.free_fit import channel_sizes, estimated, least_noise, whitener
 from holdfast.identification.machine.coloured_noise import Autoregression, autoregression
@@ -51,6 +53,7 @@ class MachineFit:
         processes: how the errors of each channel depend on the past.
         settled: whether weights and estimate converged.
         outliers: share of the rows whose weight Huber's loss reduces.
+        freedoms: degrees of freedom from which the noise of a channel was estimated; infinite if it was given.
     """
 
     z: Array
@@ -63,6 +66,15 @@ class MachineFit:
     processes: list[Autoregression]
     settled: bool
     outliers: float
+    freedoms: float
+
+    def widened(self, chance: float) -> float:
+        """Return how much wider intervals are than normal ones, as the noise is an estimate itself (Student 1908).
+
+        Args:
+            chance: that the error is beyond the interval on one side.
+        """
+        return float(student.isf(chance, self.freedoms) / normal.isf(chance))
 
 
 def machine_fit(
@@ -120,6 +132,7 @@ def machine_fit(
         processes=processes,
         settled=settled,
         outliers=float((weights < 1.0).mean()),
+        freedoms=np.inf if given is not None else max((at.counted - spent) / len(noise), 1.0),
     )
 
 

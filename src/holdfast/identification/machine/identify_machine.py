@@ -27,6 +27,7 @@ from holdfast.spatial.inertia import of_parameters
 from holdfast.spatial.scalar import Array
 
 WIDE = 100.0  # factor of the prior's deviations without which a value must be told to count as determined
+CHANCE = 1e-5  # that a value is beyond the interval in which it counts as determined
 KEPT = 0.9  # standard deviation, relative to the prior's, above which the recordings tell nothing
 AT_BOUND = 1e-9  # of the prior's deviation, below which a value is at its bound
 SLOW = 1.2  # density of slow noise, in units of white noise, above which a note is added
@@ -128,7 +129,7 @@ def machine_of(
 ) -> Machine:
     """Return the result of a fit: its plain values, and which of them the recordings determine."""
     values, slope = unknowns.plain(fit.z)
-    covariance = slope @ fit.covariance @ slope.T
+    covariance = slope @ fit.covariance @ slope.T * fit.widened(0.05) ** 2
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     believed = np.sqrt(((slope * unknowns.spread) ** 2).sum(axis=1))
     sizes = believed.copy()
@@ -138,7 +139,7 @@ def machine_of(
     kept = deviations > KEPT * believed
     alone = np.linalg.inv(fit.information + np.diag((WIDE * unknowns.spread) ** -2.0))  # what the recordings tell
     told = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, alone, slope), 0.0))
-    partly = ~kept & (np.maximum(deviations, told) > largest * sizes)
+    partly = ~kept & (np.maximum(deviations, told) * fit.widened(CHANCE) > largest * sizes)
     return Machine(
         chain=chain_with(chain, unknowns, fit.z),
         unknowns=unknowns,
