@@ -71,8 +71,10 @@ def examples() -> dict[str, Any]:
     motion = {"qd": np.zeros((4, 14)), "qdd": np.zeros((4, 14)), "object_pose": [state.object_pose] * 4}
     rest = {"object_twist": np.zeros((4, 6)), "object_acceleration": np.zeros((4, 6))}
     recording = hf.identification.Recording(range(4), [state.q] * 4, wrist_wrench=wrists, **motion, **rest)
+    still = hf.identification.Recording(np.arange(200) / 100, np.zeros((200, 1)))
     found = [
         *(Y, recording, hf.identify(chain, recording, noise=np.full(6, 0.1))),
+        *(hf.identification.Prior(friction=np.ones(14)), hf.identification.prepared(still)[1]),
         hf.identification.base_parameters(Y.object, [str(k) for k in range(10)]),
         *(arm, arm.links[0], arm.joints[0], chain, chain.held_object, grasp, chain.grasps["right"].contact),
         *(state, hf.Inputs(np.zeros(6)), hf.WrenchLimits(), state.object_frame, hf.Pose(np.eye(3), np.zeros(3))),

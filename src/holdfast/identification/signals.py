@@ -28,7 +28,7 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
 ORDER = 4  # of the filter, in each direction
-GAP = 5.0  # median intervals beyond which a gap is not bridged
+LONGEST_STEP = 5.0  # median intervals beyond which a gap is not bridged
 MEMORY = 2.0  # periods of the cut-off after which the filter has forgotten
 PER_PERIOD = 4.0  # samples that are kept for each period of the cut-off
 SATURATED = 0.999  # of the limit
@@ -137,8 +137,12 @@ def prepared(
     }
     made["qd"] = np.gradient(made["q"], interval, axis=0)
     made["qdd"] = np.gradient(made["qd"], interval, axis=0)
-    gap = np.interp(even, 0.5 * (t[1:] + t[:-1]), steps) > GAP * interval if len(t) > 2 else np.zeros(len(even), bool)
-    for a, b in zip(t[:-1][steps > GAP * interval], t[1:][steps > GAP * interval], strict=True):
+    gap = (
+        np.interp(even, 0.5 * (t[1:] + t[:-1]), steps) > LONGEST_STEP * interval
+        if len(t) > 2
+        else np.zeros(len(even), bool)
+    )
+    for a, b in zip(t[:-1][steps > LONGEST_STEP * interval], t[1:][steps > LONGEST_STEP * interval], strict=True):
         gap |= (even > a - settling) & (even < b + settling)
     end = (even < t[0] + settling) | (even > t[-1] - settling)
     saturated = _saturated(recording, limits, even, settling)

@@ -32,9 +32,9 @@ from holdfast.spatial.scalar import Array
 
 HUBER = 1.345  # deviations beyond which a residual's weight falls; 95 % efficient for normal noise (Huber 1964)
 NOT_USED = 1e4  # factor of the noise of measurements that do not count
-MOST_ROUNDS, SETTLED = 40, 1e-4  # of weights and estimate; relative change of the noise at which they end
+MOST_REFITS, NOISE_SETTLED = 40, 1e-4  # of weights and estimate; relative change of the noise at which they end
 FIRST_NOISE = 0.05  # first guess of the noise, relative to the measurements
-NORMAL = 1.4826  # standard deviation of normal noise, in units of its median size
+OF_MEDIAN = 1.4826  # standard deviation of normal noise, in units of its median size
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,20 +98,20 @@ def machine_fit(
     information = np.eye(len(z))
     weights = np.ones(rows.b.shape)
     at = _Point(rows, unknowns, z, noise)
-    for count in range(MOST_ROUNDS):
+    for count in range(MOST_REFITS):
         z = _minimum(at, weights)
         before = noise
         at = _Point(rows, unknowns, z, noise)
         information = at.information(weights)
         if given is None:
             noise = np.maximum(_noise(at, kinds, sizes, information, huber), least)
-            noise = noise if count < MOST_ROUNDS // 2 else np.sqrt(noise * before)
+            noise = noise if count < MOST_REFITS // 2 else np.sqrt(noise * before)
         old = weights
         if huber:
             e = np.abs(at.whitened)
             weights = np.sqrt(np.minimum(1.0, HUBER / np.maximum(e, 1e-300)))
         at = _Point(rows, unknowns, z, noise)
-        same = float(np.abs(noise / before - 1.0).max()) < SETTLED and float(np.abs(weights - old).max()) < 1e-2
+        same = float(np.abs(noise / before - 1.0).max()) < NOISE_SETTLED and float(np.abs(weights - old).max()) < 1e-2
         if same and (count or not at.bilinear):
             settled = True
             break
@@ -241,7 +241,7 @@ def _free(residual: Any, slope: Any, w: Array) -> Array:
 def _bounded(residual: Any, slope: Any, w: Array, low: Array) -> Array:
     """Return the least squares with lower bounds: entries that would fall below theirs are held there in turns."""
     held = np.zeros(len(w), bool)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_REFITS):
         free = ~held
 
         base, columns = np.where(free, 0.0, low), np.eye(len(w))[:, free]
@@ -268,7 +268,7 @@ def _noise(at: _Point, kinds: Array, sizes: Array, information: Array, huber: bo
     shares, used = np.einsum("src,src->sc", at.lifted, at.lifted) * at.noise**2, at.rows.used
     if huber:
         errors = np.abs(at.errors) / np.sqrt(np.maximum(shares, 1e-12))
-        found = [NORMAL * float(np.median(errors[:, kinds == k][used[:, kinds == k]])) for k in kinds]
+        found = [OF_MEDIAN * float(np.median(errors[:, kinds == k][used[:, kinds == k]])) for k in kinds]
         return few * np.array(found)
     if used.all():
         return few * estimated(at.lifted, at.whitened, kinds, sizes, None)

@@ -27,8 +27,8 @@ from holdfast.spatial.inertia import of_parameters
 from holdfast.spatial.scalar import Array
 
 WIDE = 100.0  # factor of the prior's deviations without which a value must be told to count as determined
-CHANCE = 1e-5  # that a value is beyond the interval in which it counts as determined
-KEPT = 0.9  # standard deviation, relative to the prior's, above which the recordings tell nothing
+CHANCE_OF_ERROR = 1e-5  # that a value is beyond the interval in which it counts as determined
+NOTHING_TOLD = 0.9  # standard deviation, relative to the prior's, above which the recordings tell nothing
 AT_BOUND = 1e-9  # of the prior's deviation, below which a value is at its bound
 SLOW = 1.2  # density of slow noise, in units of white noise, above which a note is added
 STAND_IN = HeldObject.box(1.0, 0.1, 0.1, 0.1)  # for chains that hold nothing, whose equations it does not enter
@@ -136,10 +136,10 @@ def machine_of(
     if "payload" in unknowns.kinds:
         m, radius = values[0], float(np.sqrt((values[4] + values[7] + values[9]) / (2.0 * values[0])))
         sizes[:10] = np.minimum(sizes[:10], [m, *[radius] * 3, *[m * radius**2] * 6])
-    kept = deviations > KEPT * believed
+    kept = deviations > NOTHING_TOLD * believed
     alone = np.linalg.inv(fit.information + np.diag((WIDE * unknowns.spread) ** -2.0))  # what the recordings tell
     told = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, alone, slope), 0.0))
-    partly = ~kept & (np.maximum(deviations, told) * fit.widened(CHANCE) > largest * sizes)
+    partly = ~kept & (np.maximum(deviations, told) * fit.widened(CHANCE_OF_ERROR) > largest * sizes)
     return Machine(
         chain=chain_with(chain, unknowns, fit.z),
         unknowns=unknowns,
