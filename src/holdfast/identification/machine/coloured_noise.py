@@ -6,7 +6,7 @@ autoregressive process, noise = C epsilon with independent epsilon and a causal 
     M = (C^T B)^T (C^T B) var(epsilon)
 
 so that B, filtered backwards in time, takes the place of B. The order of the process is that with the least
-Bayesian information criterion (Schwarz 1978), its coefficients are Burg's, whose filters are stable.
+information criterion of Akaike (1974), its coefficients are Burg's, whose filters are stable.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def autoregression(parts: list[Array]) -> Autoregression:
         variance *= 1.0 - k * k
         if not variance > 0.0:
             break
-        cost = count * np.log(variance) + order * np.log(count)
+        cost = count * np.log(variance) + 2.0 * order
         if cost < least:
             best, least = Autoregression(a, variance * count / total), cost
     return best

@@ -34,6 +34,7 @@ HUBER = 1.345  # deviations beyond which a residual's weight falls; 95 % efficie
 NOT_USED = 1e4  # factor of the noise of measurements that do not count
 MOST_REFITS, NOISE_SETTLED = 40, 1e-4  # of weights and estimate; relative change of the noise at which they end
 FIRST_NOISE = 0.05  # first guess of the noise, relative to the measurements
+LEAST_LEFT_OF_SLOW = 0.5  # share of slow noise that residuals show at least, as far as deviations are corrected
 OF_MEDIAN = 1.4826  # standard deviation of normal noise, in units of its median size
 
 
@@ -118,8 +119,11 @@ def machine_fit(
     information = at.information(weights)
     G = np.linalg.inv(information + np.diag(unknowns.spread**-2.0))
     M, processes = at.scores(weights, coloured)
-    covariance = G @ (M + np.diag(unknowns.spread**-2.0)) @ G
     spent = float(np.trace(G @ information))
+    if given is None:  # residuals lack what the fit has spent: of slow noise, which has fewer freedoms, a larger share
+        slow = max(float(np.mean([one.slow_noise for one in processes])), 1.0)
+        M = M * (1.0 - spent / at.counted) / max(1.0 - spent * slow / at.counted, LEAST_LEFT_OF_SLOW)
+    covariance = G @ (M + np.diag(unknowns.spread**-2.0)) @ G
     counted = float((at.whitened**2 * weights**2).sum())
     return MachineFit(
         z=z,
