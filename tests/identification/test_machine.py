@@ -242,3 +242,46 @@ def test_what_cannot_be_asked_is_refused(given, error, said):
         hf.identify(BARE, rubbing(), **({"by": "tau"} | given))
     with pytest.raises(ModelError, match="unknowns="):
         hf.identify(BARE, rubbing(), by="tau", prior=Prior())
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (lambda x: {"tau": x["tau"] * np.where(np.arange(7) == 1, -1.0, 1.0)}, "tau of 'arm/joint2' has most likely"),
+        (
+            lambda x: {"tau": x["tau"][:, [0, 3, 2, 1, 4, 5, 6]]},
+            "'arm/joint2' and 'arm/joint4' are most likely swapped",
+        ),
+        (lambda x: {"tau": 1e3 * x["tau"]}, "most likely it is not in N m"),
+        (
+            lambda x: {"tau": x["tau"] * (np.arange(7) != 3)},
+            "'arm/joint4' is always 0; most likely it was not recorded",
+        ),
+        (lambda x: {"q": np.degrees(x["q"])}, "rad, beyond its limits; most likely they are degrees"),
+        (lambda x: {"qd": np.degrees(x["qd"])}, "degrees per second"),
+    ],
+)
+def test_likely_faults_of_recordings_are_named(fault, said):
+    """Notes name the column and the cause; a right recording has none of them."""
+    given = swung()
+    wrong = replace(given, **fault({name: getattr(given, name) for name in ("q", "qd", "tau")}))
+    notes = hf.identify(BARE, wrong, by="tau", unknowns=["friction"]).notes
+    assert any(said in note for note in notes), notes
+    right = hf.identify(BARE, given, by="tau", unknowns=["friction"]).notes
+    assert not any("most likely" in note for note in right)
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ({"tau": np.full((20, 7), np.nan)}, "recording: tau"),
+        ({"t": np.zeros(20)}, "increasing times"),
+        ({"tau": np.zeros((20, 6))}, "recording: tau"),
+        ({"q": np.zeros((19, 7))}, "recording: q"),
+    ],
+)
+def test_faults_of_recordings_are_refused(fault, said):
+    """Numbers that are not finite, repeated stamps and wrong lengths raise an error with the column's name."""
+    given = {"t": np.arange(20.0), "q": np.zeros((20, 7)), "tau": np.zeros((20, 7))}
+    with pytest.raises(StateError, match=said):
+        Recording(**(given | fault))

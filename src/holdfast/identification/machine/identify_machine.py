@@ -20,6 +20,7 @@ from holdfast.identification.machine.prior import Prior
 from holdfast.identification.machine.rows import MachineRows, channels, machine_rows
 from holdfast.identification.machine.unknowns import GAINS, KINDS, ON_JOINTS, MachineUnknowns, machine_unknowns
 from holdfast.identification.recording import Recording
+from holdfast.identification.suspicions import suspicions
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
@@ -104,7 +105,11 @@ def identify_machine(
             f"{len(unknowns.names)} unknowns, got {len(rows.b)} samples and {rows.b.size} rows"
         )
     fit = machine_fit(rows, unknowns, channel_kinds(chain, by), noise, huber)
-    return machine_of(chain, unknowns, rows, fit, largest)
+    found = machine_of(chain, unknowns, rows, fit, largest)
+    if by not in ("tau", "current") or rows.P.shape[1] != rows.P.shape[2]:
+        return found  # the model needs no torques in particular
+    needed = rows.y - errors_at(rows, unknowns, unknowns.start, np.ones(rows.y.shape[1]))
+    return replace(found, notes=(*suspicions(chain, recordings, by, rows.y, needed), *found.notes))
 
 
 def channel_kinds(chain: ClosedChain, by: str) -> Array:
