@@ -149,7 +149,7 @@ def _of_machine(
     bare = chain.held_object is None
     chain = without_object(chain)
     serial_chain(chain, "identify: chain")
-    if by not in KINDS:
+    if not isinstance(by, str) or by not in KINDS:
         raise ModelError(f"identify: by: expected {' or '.join(map(repr, KINDS))}, got {checks.short(by)}")
     kinds = required_kinds(unknowns, by, chain)
     for name, flag in flags.items():
@@ -157,7 +157,7 @@ def _of_machine(
             raise ModelError(f"identify: {name}: expected False with unknowns=, which may have 'sensor_offset'")
     checks.instance(grasp_frames, bool, "identify: grasp_frames")
     checks.instance(prior, (Prior, type(None)), "identify: prior")
-    if loss not in ("squares", "huber"):
+    if not isinstance(loss, str) or loss not in ("squares", "huber"):
         raise ModelError(f"identify: loss: expected 'squares' or 'huber', got {checks.short(loss)}")
     if by in MEASURED_AT_WRISTS and not chain.grasps:
         raise ModelError(f"identify: by: expected an arm that holds the object for '{by}', got none; try by='tau'")

@@ -287,7 +287,7 @@ def measurement_errors(
         StateError: the recording does not have the measurement.
     """
     chain = without_object(chain)
-    if by not in KINDS:
+    if not isinstance(by, str) or by not in KINDS:
         raise ModelError(f"measurement_errors: by: expected {' or '.join(map(repr, KINDS))}, got {by!r}")
     if by == "current" and "drive_gain" not in others:
         raise ModelError("measurement_errors: others: expected 'drive_gain' for currents, got none")

@@ -205,7 +205,7 @@ def required_kinds(unknowns: object, by: str, chain: ClosedChain) -> tuple[str, 
     checks.instance(unknowns, (list, tuple), "identify: unknowns")
     known = dict.fromkeys(kind for kinds in KINDS.values() for kind in kinds)
     for kind in unknowns:  # pyright: ignore[reportGeneralTypeIssues]
-        if kind not in known:
+        if not isinstance(kind, str) or kind not in known:
             raise ModelError(f"identify: unknowns: expected names among {', '.join(known)}; got {checks.short(kind)}")
         if kind not in KINDS[by]:
             able = [one for one, kinds in KINDS.items() if kind in kinds]
