@@ -1,6 +1,6 @@
 """Calibration of measured robots: `python -m benchmarks.measured_calibration FOLDER`.
 
-FOLDER has `dual_ur5e_*kg.csv` and `.json`, two UR5e that carry a box, in the columns that docs/measured_calibration.md
+FOLDER has `dual_ur5e_*kg.csv` and `.json`, two UR5e that carry a box, in the columns that docs/measured_robots.md
 describes. No file of that set is part of this repository.
 """
 
@@ -139,7 +139,7 @@ def main(folder: Path) -> None:
     """Print all tables."""
     runs = {path.stem: table(path) for path in sorted(folder.glob("dual_ur5e_*kg.csv"))}
     if not runs:
-        raise SystemExit(f"{folder}: expected dual_ur5e_*kg.csv; docs/measured_calibration.md says where to get them")
+        raise SystemExit(f"{folder}: expected dual_ur5e_*kg.csv; docs/measured_robots.md says where to get them")
     tool = {}
     for name, run in runs.items():
         tool = tools(name, run)

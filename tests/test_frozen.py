@@ -80,8 +80,10 @@ def examples() -> dict[str, Any]:
     recording = hf.identification.Recording(range(4), [state.q] * 4, wrist_wrench=wrists, **motion, **rest)
     box_seen = hf.calibration.FrameMeasurement("object", [state.object_pose] * 3)
     closures = hf.calibration.ClosureNoise(1e-3, 1e-3)
+    still = hf.identification.Recording(np.arange(200) / 100, np.zeros((200, 1)))
     found = [
         *(Y, recording, hf.identify(chain, recording, noise=np.full(6, 0.1))),
+        *(hf.identification.Prior(friction=np.ones(14)), hf.identification.prepared(still)[1]),
         postures := hf.calibration.Postures([state.q] * 3, {"left": [True] * 3}, {"box": box_seen}),
         *(box_seen, closures, hf.calibrate(chain, postures, noise=closures)),
         hf.identification.base_parameters(Y.object, [str(k) for k in range(10)]),

@@ -126,6 +126,11 @@ def _identify_wrists(recording: Any, **given: Any) -> Any:
     return _identify(recording, **given)
 
 
+@call("identify a machine", recording=Later(recording), by="tau", unknowns=["payload", "friction"], loss="huber")
+def _identify_machine(recording: Any, **given: Any) -> Any:
+    return _identify(recording, **given)
+
+
 call("base_parameters", matrix=np.vander(np.arange(1.0, 8.0), 3), names=["a", "b", "c"], tolerance=1e-9)(
     base_parameters
 )

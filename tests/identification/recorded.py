@@ -48,7 +48,7 @@ def turned(
 
 
 def recorded(
-    chain: hf.ClosedChain, state: hf.State, *, duration=10.0, rate=25.0, turn=0.35, shift=0.06, tau=True
+    chain: hf.ClosedChain, state: hf.State, *, duration=10.0, rate=25.0, turn=0.35, shift=0.06, tau=True, motion=None
 ) -> Recording:
     """Return what two arms do and feel while their object is swung.
 
@@ -60,12 +60,13 @@ def recorded(
         turn: amplitude of the turns [rad].
         shift: amplitude of the displacements [m].
         tau: whether torques are found.
+        motion: x, v and a of times, as `swung` returns them; None for `swung` with these amplitudes.
     """
     t = np.arange(0.0, duration, 1.0 / rate)
     start, q = state.object_frame, np.array(state.q)
-    given = [name for name in Recording.__dataclass_fields__ if name not in ("t", "inputs") and "base" not in name]
-    rows: dict[str, list] = {name: [] for name in given}
-    for x, v, a in zip(*swung(t, turn, shift), strict=True):
+    object_motion = ("object_pose", "object_twist", "object_acceleration")
+    rows: dict[str, list] = {name: [] for name in ("q", "qd", "qdd", "tau", "wrist_wrench", *object_motion)}
+    for x, v, a in zip(*(motion(t) if motion else swung(t, turn, shift)), strict=True):
         R, omega, alpha = turned(x[:3], v[:3], a[:3])
         pose = hf.Pose(R @ start.R, start.p + x[3:])
         V, acceleration = np.r_[omega, v[3:]], np.r_[alpha, a[3:]]

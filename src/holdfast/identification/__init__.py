@@ -1,4 +1,4 @@
-"""Identification of the payload, sensor offsets, gravity and grasp frames from recorded motions."""
+"""Identification of payloads, links, drives, friction and sensors from recorded motions."""
 
 from holdfast.names import attach as _attach
 

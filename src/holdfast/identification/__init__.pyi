@@ -1,6 +1,10 @@
-"""Identification: the payload, sensor offsets, gravity and grasp frames, from what was recorded."""
+"""Identification: payload, links, drives, friction and sensors, from what was recorded."""
 
 from .base_parameters import base_parameters as base_parameters
-from .identify import Identification as Identification
+from .identification import Identification as Identification
+from .machine.identify_machine import measurement_errors as measurement_errors
+from .machine.prior import Prior as Prior
 from .recording import Recording as Recording
 from .recording import load_recording as load_recording
+from .signals import SignalReport as SignalReport
+from .signals import prepared as prepared

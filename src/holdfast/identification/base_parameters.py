@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
 from holdfast.errors import ModelError
-from holdfast.identification.equations import PayloadUnknowns
 from holdfast.model import checks
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
@@ -119,12 +118,13 @@ def parts_kept(fixed: Array) -> tuple[Array, Array]:
     return part > WHOLLY, (part > PARTLY) & (part <= WHOLLY)
 
 
-def sentences(fixed: Array, unknowns: PayloadUnknowns) -> tuple[str, ...]:
+def sentences(fixed: Array, names: Sequence[str], sizes: Array) -> tuple[str, ...]:
     """Return a sentence for each combination that cannot be identified.
 
     Args:
         fixed: (p, d) an orthonormal basis of these combinations, with unknowns scaled by their sizes.
-        unknowns: the unknowns.
+        names: (p,) names of the unknowns.
+        sizes: (p,) their sizes.
     """
     d = fixed.shape[1]
     if not d:
@@ -135,11 +135,11 @@ def sentences(fixed: Array, unknowns: PayloadUnknowns) -> tuple[str, ...]:
     for k, direction in zip(pivots.tolist(), directions.T, strict=True):
         others = [j for j in np.flatnonzero(np.abs(direction) > ALONE).tolist() if j != k]
         if not others:
-            alone.append(unknowns.names[k])
+            alone.append(names[k])
             continue
         weights = np.zeros(len(direction))
-        weights[others] = (direction * unknowns.sizes[k] / unknowns.sizes)[others]
+        weights[others] = (direction * sizes[k] / sizes)[others]
         weights[k] = 1.0
-        together.append(f"the combination {combination(weights, unknowns.names)} is not identifiable")
+        together.append(f"the combination {combination(weights, names)} is not identifiable")
     lead = (f"cannot be told from noise: {', '.join(alone)}",) if alone else ()
     return (*lead, *together)

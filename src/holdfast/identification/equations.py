@@ -216,17 +216,12 @@ class PayloadUnknowns:
 
     def plain(self, x: Array) -> Array:
         """Return xi of x."""
-        m, h = x[0], x[1:4]
-        moved = (h @ h * np.eye(3) - np.outer(h, h))[ENTRIES] / m
-        return np.concatenate([[m], h / m, x[4:10] - moved, x[10:]])
+        return np.concatenate([plain_body(x[:10]), x[10:]])
 
     def slopes(self, x: Array) -> Array:
         """Return dxi/dx, (p, p), which is triangular."""
-        m, h, found = x[0], x[1:4], np.eye(len(x))
-        found[1:4, 0], found[1:4, 1:4] = -h / m**2, np.eye(3) / m
-        found[4:10, 0] = (h @ h * np.eye(3) - np.outer(h, h))[ENTRIES] / m**2
-        for k, e in enumerate(np.eye(3)):
-            found[4:10, 1 + k] = -(2.0 * h[k] * np.eye(3) - np.outer(e, h) - np.outer(h, e))[ENTRIES] / m
+        found = np.eye(len(x))
+        found[:10, :10] = plain_slopes(x[:10])
         return found
 
     def tilted_gravity(self, tilt: Array) -> tuple[Array, Array]:
@@ -248,6 +243,22 @@ class PayloadUnknowns:
         of_products = np.kron(g[:, None], np.eye(10, p)) + np.kron(of_g, pi[:, None])
         values = np.concatenate([pi, np.kron(g, pi), b, one, g])
         return values, np.vstack([np.eye(10, p), of_products, of_b, np.zeros((1, p)), of_g])
+
+
+def plain_body(pi: Array) -> Array:
+    """Return m, c and I about c of the ten inertial parameters of a body, (10,)."""
+    m, h = pi[0], pi[1:4]
+    return np.concatenate([[m], h / m, pi[4:10] - (h @ h * np.eye(3) - np.outer(h, h))[ENTRIES] / m])
+
+
+def plain_slopes(pi: Array) -> Array:
+    """Return the derivatives of `plain_body` by pi, (10, 10), which are triangular."""
+    m, h, found = pi[0], pi[1:4], np.eye(10)
+    found[1:4, 0], found[1:4, 1:4] = -h / m**2, np.eye(3) / m
+    found[4:10, 0] = (h @ h * np.eye(3) - np.outer(h, h))[ENTRIES] / m**2
+    for k, e in enumerate(np.eye(3)):
+        found[4:10, 1 + k] = -(2.0 * h[k] * np.eye(3) - np.outer(e, h) - np.outer(h, e))[ENTRIES] / m
+    return found
 
 
 def unknowns_of(chain: ClosedChain, settings: Settings, wrench_sizes: Array) -> PayloadUnknowns:

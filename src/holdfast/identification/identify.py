@@ -1,22 +1,26 @@
-"""Identification of the payload, and of grasp frames, from recorded motions; its result."""
+"""Identification of the payload, of grasp frames and of the whole machine, from recorded motions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.contact_places import tip_frames
 from holdfast.errors import ModelError, StateError
 from holdfast.identification.base_parameters import parts_kept, sentences
 from holdfast.identification.completed import completed, differentiated
 from holdfast.identification.equations import Equations, PayloadUnknowns, Settings, equations, unknowns_of
 from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.feasible_bodies import is_feasible
+from holdfast.identification.grasp_frames import fitting, measured_grasps
+from holdfast.identification.identification import Identification
+from holdfast.identification.machine.identify_machine import Machine, identify_machine, without_object
+from holdfast.identification.machine.prior import Prior
+from holdfast.identification.machine.unknowns import KINDS, required_kinds
 from holdfast.identification.motion_noise import motion_noise
 from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
 from holdfast.identification.recording import Recording, recording_of
@@ -25,99 +29,31 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.serial_chain import serial_chain
-from holdfast.names import called
 from holdfast.simulation.trajectory import Trajectory
-from holdfast.spatial import rotation
-from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.inertia import about_origin, of_parameters
-from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
 
-MEASUREMENTS = ("wrist_wrench", "tau")
+MEASUREMENTS = ("wrist_wrench", "tau")  # of the payload alone
+MEASURED_AT_WRISTS = ("wrist_wrench", "wrist_force")
 RecordingSource = Recording | Trajectory | Result | str | PathLike[str]
-
-
-@called
-@dataclass(frozen=True, eq=False)
-class Identification(Frozen):
-    """The estimated payload, the other estimated quantities, and their uncertainty.
-
-    Attributes:
-        chain: the chain with the estimates in place of the model's values.
-        names: (p,) names of the unknowns: mass, com x .. z from C, inertia xx, xy, xz, yy, yz, zz about the mass
-            centre, all in object axes; then sensor offsets and the tilt of gravity, if they were requested.
-        values: (p,) their values [kg, m, kg m^2, ...].
-        covariance: (p, p) covariance of the values; 0 along combinations that are not identified.
-        deviations: standard deviations by name; infinite for values that are entirely or partly from the guess.
-        kept: names of the values that are from the guess, because the motion does not identify them.
-        partly: names of the values that are partly from the guess, because only combinations of them are identified.
-        undetermined: combinations that the motion does not identify and that keep the guess's values, as text.
-        notes: remarks on the estimate, as text.
-        sensor_bias: (arms, 6) offset of each wrist sensor, tip axes [N m, N]; None if it was not requested.
-        grasp_deviations: standard deviations (6,) of estimated grasp frames by arm, [turn; shift], object axes [rad,
-            m].
-        residuals: (samples, rows) residuals of the equations: [moment; force] about C along world axes, or with
-            torques the power along an orthonormal basis of motions.
-        noise: (channels,) standard deviations of the measurements, by which the rows are weighted [N m, N].
-        misfit: mean square of the residuals in units of that noise and of the noise of the motion; far above 1 if no
-            feasible body explains the recordings.
-    """
-
-    chain: ClosedChain
-    names: tuple[str, ...]
-    values: Array
-    covariance: Array
-    deviations: Mapping[str, float]
-    kept: tuple[str, ...]
-    partly: tuple[str, ...]
-    undetermined: tuple[str, ...]
-    notes: tuple[str, ...]
-    sensor_bias: Array | None
-    grasp_deviations: Mapping[str, Array]
-    residuals: Array
-    noise: Array
-    misfit: float
-
-    @property
-    def held_object(self) -> HeldObject:
-        """The payload, which is a physically feasible body."""
-        return self.chain.held_object
-
-    @property
-    def gravity(self) -> Array:
-        """(3,) gravity, world axes [m/s^2]."""
-        return self.chain.gravity
-
-    def __repr__(self) -> str:
-        """Return the number of values and the mass; `print` shows all of them."""
-        return f"<Identification of {len(self.names)} values: {self.held_object.mass:.4g} kg>"
-
-    def __str__(self) -> str:
-        """Return a table of the values, followed by the misfit, undetermined combinations and notes."""
-        width, said = max(map(len, self.names)), dict.fromkeys(self.kept, "from the guess")
-        said |= dict.fromkeys(self.partly, "partly from the guess")
-        lines = [
-            f"{name:<{width}}  {value:>+12.5g}  {said.get(name, f'+- {self.deviations[name]:.2g}')}"
-            for name, value in zip(self.names, self.values.tolist(), strict=True)
-        ]
-        misfit = f"misfit {self.misfit:.3g}: mean square of the residuals, in units of the noise"
-        return "\n".join([*lines, misfit, *self.undetermined, *(f"note: {note}" for note in self.notes)])
 
 
 @np.errstate(all="ignore")  # what overflows is refused
 def identify(
     chain: ClosedChain,
-    recordings: RecordingSource | list[RecordingSource] | tuple[RecordingSource, ...],
+    recordings: RecordingSource | Sequence[RecordingSource],
     *,
-    by: Literal["wrist_wrench", "tau"] = "wrist_wrench",
+    by: Literal["wrist_wrench", "tau", "current", "wrist_force"] = "wrist_wrench",
+    unknowns: Sequence[str] | None = None,
+    prior: Prior | None = None,
+    loss: Literal["squares", "huber"] = "squares",
     sensor_bias: bool = False,
     gravity: bool = False,
     grasp_frames: bool = False,
     noise: ArrayLike | None = None,
     largest_deviation: float = 0.3,
 ) -> Identification:
-    """Estimate mass, mass centre and inertia of the payload by weighted least squares over feasible bodies.
+    """Estimate the payload, or more of the machine, by weighted least squares over physically possible bodies.
 
     The sum of squared residuals is minimised, weighted by the inverse covariance of their noise, over all bodies that
     some distribution of mass has. Combinations of parameters that the motion does not identify keep the guess's values,
@@ -125,13 +61,22 @@ def identify(
     one that fits as well. Positions without rates or accelerations are smoothed, and their noise enters the weights and
     the covariance. O(samples n), with torques O(samples n^3).
 
+    With `unknowns`, whatever is named is estimated together, with the model's values as its prior, whose deviations are
+    those of `prior`: what the recordings do not tell stays there. The arms may hold nothing then. Noise of smoothed
+    positions does not enter their deviations; noise that depends on its past does.
+
     Args:
         chain: model of arms, grasps and object.
         recordings: a `Recording`, a simulated run, a result of `load_result`, or the path of a result folder, a .csv
             or a .parquet file; or a list of these.
         by: the measurements: "wrist_wrench", wrenches of wrist sensors, which give six equations per sample; or "tau",
             joint torques, which give as many equations per sample as the chain has degrees of freedom, without grasp
-            forces.
+            forces. With `unknowns` also "current", currents of the drives, and "wrist_force", wrists without moments.
+        unknowns: kinds of unknowns: "payload", "links", "armature", "damping", "friction", "friction_offset",
+            "friction_asymmetry", "drive_gain", "sensor_offset", "sensor_scale", "sensor_drift", "time_offset"; None
+            for the payload without a prior.
+        prior: how uncertain the model's values are, a `Prior`; only with `unknowns`.
+        loss: "squares", or "huber", with which samples that are far off have less weight; only with `unknowns`.
         sensor_bias: whether to estimate a constant offset of each wrist sensor too.
         gravity: whether to estimate the direction of gravity too, for example if the base may be tilted.
         grasp_frames: whether to estimate the frames of rigid grasps first, from the poses of tips and object.
@@ -146,7 +91,8 @@ def identify(
         An `Identification`.
 
     Raises:
-        ModelError: it is not a chain, the payload is flat or not a feasible body, or options contradict each other.
+        ModelError: it is not a chain, an unknown cannot be told by the measurements, the payload is flat or not a
+            feasible body, or options contradict each other.
         StateError: a recording does not match the chain, lacks measurements, is too short, or identifies nothing; a
             mass below zero explains the recordings best.
         ResultError: a file cannot be read.
@@ -154,33 +100,113 @@ def identify(
     Reference:
         Atkeson, An and Hollerbach 1986; Wensing, Kim and Slotine 2018; `docs/theory/derivatives.md`.
     """
+    if unknowns is not None:
+        flags = {"sensor_bias": sensor_bias, "gravity": gravity}
+        options = (by, unknowns, prior, loss, noise, largest_deviation, grasp_frames)
+        return _of_machine(chain, recordings, flags, *options)
+    if prior is not None or loss != "squares":
+        raise ModelError(f"identify: {'loss' if prior is None else 'prior'}: expected unknowns= with it, got none")
     settings = _settings(chain, by, {"sensor_bias": sensor_bias, "gravity": gravity, "grasp_frames": grasp_frames})
     largest = checks.number(largest_deviation, "identify: largest_deviation", above=0.0)
-    listed = isinstance(recordings, list | tuple)
-    given = [recording_of(one, chain) for one in (recordings if listed else [recordings])]
-    if not given:
-        raise StateError("identify: recordings: expected at least one, got none")
+    given = _recordings(recordings, chain)
     for one in given:
         _require(chain, one, by)
     frames: dict[str, Array] = {}
     if grasp_frames:
         chain, frames = measured_grasps(chain, given)
-    moving = [differentiated(_fitting(chain, one)) for one in given]
+    moving = [differentiated(fitting(chain, one)) for one in given]
     whole = [completed(chain, one) for one, _ in moving]
     system = equations(chain, whole, settings)
     wrists = np.tile([0, 0, 0, 1, 1, 1], len(chain.grasps))
     kinds = wrists if by == "wrist_wrench" else np.arange(chain.joint_count)
-    unknowns = unknowns_of(chain, settings, _wrench_sizes(system, by))
-    rows, p = system.rows[..., 0].size, len(unknowns.names)
+    sought = unknowns_of(chain, settings, _wrench_sizes(system, by))
+    rows, p = system.rows[..., 0].size, len(sought.names)
     if rows < 2 * p:
         raise StateError(
             f"identify: expected {2 * p} rows or more for {p} unknowns, got {rows} of {len(system.rows)} samples"
         )
     motion = motion_noise(chain, moving, settings, system)
-    found = estimate(system, unknowns, kinds, _given_noise(noise, chain, by), largest, motion)
+    found = estimate(system, sought, kinds, _given_noise(noise, chain, by), largest, motion)
     notes = [*notes_on_estimate(found, motion, system, noise is not None), *notes_on_grasps(chain, whole, frames)]
     notes += notes_on_motion(given)
-    return _identification(chain, unknowns, found, settings, frames, tuple(notes))
+    return _identification(chain, sought, found, settings, frames, tuple(notes))
+
+
+def _of_machine(
+    chain: Any,
+    recordings: Any,
+    flags: dict[str, Any],
+    by: Any,
+    unknowns: Any,
+    prior: Any,
+    loss: Any,
+    noise: Any,
+    largest_deviation: Any,
+    grasp_frames: Any,
+) -> Identification:
+    """Return the estimate of the unknowns that are named; see `identify`."""
+    checks.instance(chain, ClosedChain, "identify: chain")
+    bare = chain.held_object is None
+    chain = without_object(chain)
+    serial_chain(chain, "identify: chain")
+    if not isinstance(by, str) or by not in KINDS:
+        raise ModelError(f"identify: by: expected {' or '.join(map(repr, KINDS))}, got {checks.short(by)}")
+    kinds = required_kinds(unknowns, by, chain)
+    for name, flag in flags.items():
+        if flag is not False:
+            raise ModelError(f"identify: {name}: expected False with unknowns=, which may have 'sensor_offset'")
+    checks.instance(grasp_frames, bool, "identify: grasp_frames")
+    checks.instance(prior, (Prior, type(None)), "identify: prior")
+    if not isinstance(loss, str) or loss not in ("squares", "huber"):
+        raise ModelError(f"identify: loss: expected 'squares' or 'huber', got {checks.short(loss)}")
+    if by in MEASURED_AT_WRISTS and not chain.grasps:
+        raise ModelError(f"identify: by: expected an arm that holds the object for '{by}', got none; try by='tau'")
+    largest = checks.number(largest_deviation, "identify: largest_deviation", above=0.0)
+    given = _recordings(recordings, chain)
+    for one in given:
+        _require(chain, one, by)
+        fitting(chain, one)
+    frames: dict[str, Array] = {}
+    if grasp_frames:
+        chain, frames = measured_grasps(chain, given)
+    found = identify_machine(
+        chain, given, by, kinds, prior or Prior(), _given_noise(noise, chain, by), largest, loss == "huber"
+    )
+    result = _machine_result(found, frames)
+    return replace(result, chain=replace(result.chain, held_object=None)) if bare else result
+
+
+def _machine_result(found: Machine, frames: dict[str, Array]) -> Identification:
+    """Return the result of a machine's estimate."""
+    names, unsure = found.unknowns.names, found.kept | found.partly
+    sizes = np.where(unsure, np.inf, np.sqrt(np.maximum(np.diag(found.covariance), 0.0)))
+    return Identification(
+        chain=found.chain,
+        names=names,
+        values=found.values,
+        covariance=found.covariance,
+        deviations=dict(zip(names, sizes.tolist(), strict=True)),
+        kept=tuple(name for name, one in zip(names, found.kept, strict=True) if one),
+        partly=tuple(name for name, one in zip(names, found.partly, strict=True) if one),
+        undetermined=found.undetermined,
+        notes=found.notes,
+        sensor_bias=None,
+        grasp_deviations=frames,
+        residuals=found.fit.residuals,
+        noise=found.fit.noise,
+        misfit=found.fit.misfit,
+        others=found.others,
+        errors=found.fit.errors,
+    )
+
+
+def _recordings(recordings: Any, chain: ClosedChain) -> list[Recording]:
+    """Return all recordings; refuse none."""
+    listed = isinstance(recordings, list | tuple)
+    given = [recording_of(one, chain) for one in (recordings if listed else [recordings])]
+    if not given:
+        raise StateError("identify: recordings: expected at least one, got none")
+    return given
 
 
 def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
@@ -206,70 +232,15 @@ def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
     return Settings(by, flags["sensor_bias"], flags["gravity"])
 
 
-def _fitting(chain: ClosedChain, one: Recording) -> Recording:
-    """Return a recording with as many joints as the chain; refuse others."""
-    if one.q.shape[1] != chain.joint_count:
-        raise StateError(f"recording: q: expected {chain.joint_count} joints, got {one.q.shape[1]}")
-    return one
-
-
 def _require(chain: ClosedChain, one: Recording, by: str) -> None:
     """Refuse a recording without the measurements, or with another number of arms."""
     measured = getattr(one, by)
     if measured is None:
-        other = next((name for name in MEASUREMENTS if getattr(one, name) is not None), None)
+        other = next((name for name in KINDS if getattr(one, name) is not None), None)
         hint = f"; it has {other}: try by='{other}'" if other else ""
         raise StateError(f"identify: recording: expected {by}, got none{hint}")
-    if by == "wrist_wrench" and measured.shape[1] != len(chain.arms):
-        raise StateError(f"recording: wrist_wrench: expected {len(chain.arms)} arms, got {measured.shape[1]}")
-
-
-def measured_grasps(chain: ClosedChain, recordings: list[Recording]) -> tuple[ClosedChain, dict[str, Array]]:
-    """Return the chain with the mean frames of its rigid grasps, from the poses of the tips, and their deviations.
-
-    No force measurement is needed. If the object's pose was not recorded, it is computed from the first of these arms,
-    which keeps its frame.
-
-    Args:
-        chain: the chain with the model's frames.
-        recordings: recordings of which all or none have the object's pose.
-
-    Returns:
-        The chain, and by arm the standard deviations (6,) of the mean, [turn; shift], object axes [rad, m].
-
-    Raises:
-        StateError: only some recordings have the object's pose, or no frame can be identified.
-    """
-    rigid = [name for name, grasp in chain.grasps.items() if not grasp.free]
-    posed = [recording.object_pose is not None for recording in recordings]
-    if any(posed) != all(posed):
-        raise StateError("identify: grasp_frames: expected object_pose in all recordings or in none, got it in some")
-    sought = rigid if all(posed) else rigid[1:]
-    if not sought:
-        raise StateError(
-            "identify: grasp_frames: expected two rigid grasps, or object_pose and one, as a tip's pose against the"
-            " object says where it holds; got neither"
-        )
-    found = {name: [] for name in sought}
-    for recording in recordings:
-        for k, q in enumerate(_fitting(chain, recording).q):
-            state = recording.on_base(k, State(q, 0.0 * q, np.r_[1.0, np.zeros(6)]))
-            tips = tip_frames(chain, state, rigid)
-            if recording.object_pose is None:
-                seen = tips[rigid[0]] @ chain.grasps[rigid[0]].frame.inverse()
-            else:
-                seen = Pose.from_wxyz_xyz(recording.object_pose[k])
-            for name in sought:
-                found[name].append(seen.inverse() @ tips[name])
-    grasps, deviations = dict(chain.grasps), {}
-    for name, poses in found.items():
-        mean = Pose(
-            rotation.nearest(np.mean([pose.R for pose in poses], axis=0)), np.mean([pose.p for pose in poses], axis=0)
-        )
-        off = np.array([np.r_[rotation.log(pose.R @ mean.R.T), pose.p - mean.p] for pose in poses])
-        deviations[name] = np.sqrt((off**2).sum(axis=0) / max(len(poses) - 1, 1) / len(poses))
-        grasps[name] = replace(chain.grasps[name], frame=mean)
-    return replace(chain, grasps=grasps), deviations
+    if by in MEASURED_AT_WRISTS and measured.shape[1] != len(chain.arms):
+        raise StateError(f"recording: {by}: expected {len(chain.arms)} arms, got {measured.shape[1]}")
 
 
 def _given_noise(noise: Any, chain: ClosedChain, by: str) -> Array | None:
@@ -277,15 +248,15 @@ def _given_noise(noise: Any, chain: ClosedChain, by: str) -> Array | None:
     if noise is None:
         return None
     given = checks.numbers(noise, None, "identify: noise")
-    l, n = len(chain.arms), chain.joint_count
-    shapes = [(6,), (l, 6)] if by == "wrist_wrench" else [(), (n,)]
+    l, n, at_wrist = len(chain.arms), chain.joint_count, 6 if by == "wrist_wrench" else 3
+    shapes = [(at_wrist,), (l, at_wrist)] if by in MEASURED_AT_WRISTS else [(), (n,)]
     if given.shape not in shapes:
         raise ModelError(f"identify: noise: expected shape {' or '.join(map(str, shapes))}, got {given.shape}")
     if (given <= 0.0).any():
         raise ModelError(f"identify: noise: expected standard deviations > 0, got {given.min():g}")
-    if by == "tau":
+    if by not in MEASURED_AT_WRISTS:
         return np.broadcast_to(given, (n,))
-    return np.broadcast_to(given, (l, 6))[[chain.names.index(name) for name in chain.grasps]].ravel()
+    return np.broadcast_to(given, (l, at_wrist))[[chain.names.index(name) for name in chain.grasps]].ravel()
 
 
 def _wrench_sizes(system: Equations, by: str) -> Array:
@@ -324,7 +295,7 @@ def _identification(
         deviations=dict(zip(unknowns.names, sizes.tolist(), strict=True)),
         kept=tuple(name for name, one in zip(unknowns.names, model, strict=True) if one),
         partly=tuple(name for name, one in zip(unknowns.names, partly, strict=True) if one),
-        undetermined=sentences(found.fixed, unknowns),
+        undetermined=sentences(found.fixed, unknowns.names, unknowns.sizes),
         notes=notes,
         sensor_bias=bias,
         grasp_deviations=frames,

@@ -16,6 +16,7 @@ from holdfast.io.save_run import meta_of
 from holdfast.io.tables import read_table
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.held_object import HeldObject
 from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
 from holdfast.simulation.setting import Setting
@@ -25,6 +26,8 @@ from holdfast.state import Inputs, State
 
 FEWEST_SAMPLES = 8  # samples required by a spline of degree 7
 FREE_BODIES = ("object", "base")
+JOINT_ARRAYS = ("q", "qd", "qdd", "tau", "current", "used")
+OF_RECORDINGS = ("current", "wrist_force", "used", "inputs", "added")  # what runs do not have
 
 
 @called
@@ -42,9 +45,11 @@ class Recording(Frozen):
         qd: (samples, n) joint rates.
         qdd: (samples, n) joint accelerations.
         tau: (samples, n) joint torques [N m or N].
+        current: (samples, n) currents of the drives, or other signals in proportion to their torques [A].
         wrist_wrench: (samples, arms, 6) [moment; force] that each arm exerts across its tip frame on the held body,
             about the tip's origin, tip axes [N m, N], as `forces.wrist_wrenches` returns it. The wrench of the object
             on the sensor has the opposite sign.
+        wrist_force: (samples, arms, 3) the forces of `wrist_wrench` alone, of sensors without moments [N].
         object_pose: (samples, 7) wxyz_xyz of the object frame in the world.
         object_twist: (samples, 6) [omega; v of C], world axes.
         object_acceleration: (samples, 6) [omega_dot; v_dot of C], world axes.
@@ -52,7 +57,11 @@ class Recording(Frozen):
             and the base's twist and acceleration.
         base_twist: (samples, 6) [omega; v of its origin], world axes.
         base_acceleration: (samples, 6) [omega_dot; v_dot of its origin], world axes.
+        used: (samples, n) 0 where a joint's torque or current is not to be used, else 1; all are used by default. Only
+            `identify` with `unknowns` reads it.
         inputs: external wrenches and base motion, the same for all samples; zero by default.
+        added: a known body that is fixed to the object in this recording, in object axes, for example a weight that
+            tells the scale of torques; only `identify` with `unknowns` reads it.
     """
 
     t: ArrayField = REQUIRED
@@ -60,19 +69,24 @@ class Recording(Frozen):
     qd: OptionalArrayField = NOT_GIVEN
     qdd: OptionalArrayField = NOT_GIVEN
     tau: OptionalArrayField = NOT_GIVEN
+    current: OptionalArrayField = NOT_GIVEN
     wrist_wrench: OptionalArrayField = NOT_GIVEN
+    wrist_force: OptionalArrayField = NOT_GIVEN
     object_pose: OptionalArrayField = NOT_GIVEN
     object_twist: OptionalArrayField = NOT_GIVEN
     object_acceleration: OptionalArrayField = NOT_GIVEN
     base_pose: OptionalArrayField = NOT_GIVEN
     base_twist: OptionalArrayField = NOT_GIVEN
     base_acceleration: OptionalArrayField = NOT_GIVEN
+    used: OptionalArrayField = NOT_GIVEN
     inputs: Inputs | None = None
+    added: HeldObject | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "t", checks.vector(self.t, "recording: t", StateError))
         checks.instance(self.inputs, (Inputs, type(None)), "recording: inputs", StateError)
+        checks.instance(self.added, (HeldObject, type(None)), "recording: added", StateError)
         samples = len(self.t)
         if not samples or (np.diff(self.t) <= 0.0).any():
             raise StateError("recording: t: expected increasing times of at least one sample")
@@ -80,18 +94,21 @@ class Recording(Frozen):
         if q.ndim != 2:
             raise StateError(f"recording: q: expected shape (samples, joints), got shape {q.shape}")
         n = q.shape[1]
-        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "qd", "qdd", "tau"), (samples, n))
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(JOINT_ARRAYS, (samples, n))
         for body in FREE_BODIES:
             shapes |= {f"{body}_pose": (samples, 7)}
             shapes |= dict.fromkeys((f"{body}_twist", f"{body}_acceleration"), (samples, 6))
         for name, shape in shapes.items():
             if getattr(self, name) is not None:
                 put(self, name, checks.numbers(getattr(self, name), shape, f"recording: {name}", StateError))
-        if self.wrist_wrench is not None:
-            w = checks.numbers(self.wrist_wrench, None, "recording: wrist_wrench", StateError)
-            if w.ndim != 3 or w.shape[::2] != (samples, 6):
-                raise StateError(f"recording: wrist_wrench: expected shape ({samples}, arms, 6), got shape {w.shape}")
-            put(self, "wrist_wrench", w)
+        for name, size in (("wrist_wrench", 6), ("wrist_force", 3)):
+            if getattr(self, name) is not None:
+                w = checks.numbers(getattr(self, name), None, f"recording: {name}", StateError)
+                if w.ndim != 3 or w.shape[::2] != (samples, size):
+                    raise StateError(
+                        f"recording: {name}: expected shape ({samples}, arms, {size}), got shape {w.shape}"
+                    )
+                put(self, name, w)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -119,7 +136,7 @@ class Recording(Frozen):
                 f"recording: expected the same grasps throughout, but they change at {run.t[k]:.9g} s; try a"
                 " Recording of the arrays before and another of those after"
             )
-        names = [f.name for f in fields(Recording) if f.name != "inputs"]
+        names = [f.name for f in fields(Recording) if f.name not in OF_RECORDINGS]
         if not run.base_pose.shape[1]:
             names = [name for name in names if not name.startswith("base_")]
         given: dict[str, Any] = {name: getattr(run, name) for name in names}

@@ -1,0 +1,287 @@
+"""Errors of whole-machine identification against their bounds: what it says that it knows, and how well it does.
+
+    python -m benchmarks.identification_bars [--seeds 100] [--motions 1000] [--rate 1000]
+
+Two Pandas hold a box for 10 s, along the most telling (D-optimal) of random motions within the rates of their joints.
+Torques have 5 % of white noise, or noise of the same size that is half white and half slow. Estimated are payload,
+armature, damping, friction and offsets of all joints, from a guess of the box that is far off. Printed are the errors,
+relative to the Cramer-Rao bound of the same motion, the sizes that the bars limit, and how many of the 90 % regions
+hold the truth. A rate below 1 kHz stands for as many averages of neighbouring samples, with less noise, for speed.
+
+Then one Panda with the box makes random poor motions: short, slow, of few joints, or none. Counted are values that are
+said to be known and are not: those that are off by more than five deviations.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.stats import chi2
+from tests.identification.recorded import BOX, recorded, two_pandas
+
+import holdfast as hf
+from holdfast.dynamics import inertial_parameters
+from holdfast.identification import Prior, Recording
+from holdfast.identification.machine.fit import _Point, machine_fit
+from holdfast.identification.machine.identify_machine import Machine, machine_of
+from holdfast.identification.machine.log_cholesky import coordinates_of
+from holdfast.identification.machine.rows import MachineRows, machine_rows
+from holdfast.identification.machine.unknowns import MachineUnknowns, machine_unknowns
+from holdfast.robots import HOME, panda
+from holdfast.robots.panda import FR3_ARMATURE
+from holdfast.simulation.joint_friction import friction_torque
+
+KINDS = ("payload", "armature", "damping", "friction", "friction_offset")
+COULOMB = np.array([0.27, 0.44, 0.32, 0.64, 0.42, 0.3, 0.28])  # N m, half of the published steps of a Panda
+DAMPING = np.array([1.0, 1.5, 1.0, 1.2, 0.6, 0.5, 0.4])  # N m s/rad
+OFFSET = np.array([0.2, -0.3, 0.1, 0.2, -0.1, 0.05, 0.0])  # N m
+GUESS = hf.HeldObject.box(1.5, 0.2, 0.2, 0.2)
+NOISE, DURATION, FULL_RATE = 0.05, 10.0, 1000.0
+CANDIDATES, COARSE = 30, 8.0  # motions that are tried; samples a second with which they are compared
+LEVEL, WITHIN = 0.9, (0.85, 0.95)
+SURE = 5.0
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the joints really have, for arms one after the other."""
+
+    arms: int
+
+    def of(self, kind: str) -> np.ndarray:
+        """Return the values of a kind."""
+        values = {"armature": FR3_ARMATURE, "damping": DAMPING, "friction": COULOMB, "friction_offset": OFFSET}
+        return np.tile(values[kind], self.arms)
+
+    def torques(self, given: Recording) -> np.ndarray:
+        """Return the torques of drives and friction."""
+        assert given.qd is not None and given.qdd is not None
+        rubbing = np.array([friction_torque(self.of("friction"), v) for v in given.qd])
+        return self.of("armature") * given.qdd + self.of("damping") * given.qd + rubbing + self.of("friction_offset")
+
+    def coordinates(self, unknowns: MachineUnknowns, box: hf.HeldObject = BOX) -> np.ndarray:
+        """Return the coordinates z of the truth."""
+        z = unknowns.start.copy()
+        for kind in unknowns.kinds:
+            z[unknowns.where(kind)] = (
+                coordinates_of(unknowns.roots[0], inertial_parameters(box)) if kind == "payload" else self.of(kind)
+            )
+        return z
+
+
+def swing(random: np.random.Generator) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return a random motion of two sines for each coordinate of the object."""
+    f = 2.0 * np.pi * random.uniform(0.15, 0.9, (2, 6))
+    size = random.uniform(0.3, 1.0, (2, 6)) * np.r_[[0.25] * 3, [0.06] * 3]
+    phase = random.uniform(0.0, 2.0 * np.pi, (2, 6))
+
+    def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        x = f * t[:, None, None] + phase
+        parts = size * np.sin(x), size * f * np.cos(x), -size * f**2 * np.sin(x)
+        return tuple(part.sum(axis=1) for part in parts)  # pyright: ignore[reportReturnType]
+
+    return motion
+
+
+def equations_of(chain: hf.ClosedChain, given: Recording) -> tuple[MachineRows, MachineUnknowns]:
+    """Return rows and unknowns of a model that has the guess of the box and no friction."""
+    assert given.tau is not None
+    model = replace(chain, held_object=GUESS)
+    unknowns = machine_unknowns(model, "tau", KINDS, Prior(), given.tau, np.ones(chain.joint_count), DURATION)
+    return machine_rows(model, [given], unknowns), unknowns
+
+
+def most_telling(chain: hf.ClosedChain, state: hf.State, truth: Truth) -> Callable:
+    """Return the motion with the largest determinant of the information, among those within the joints' limits."""
+    random, best, found = np.random.default_rng(0), -np.inf, None
+    rates = np.array([joint.rate_limit for joint in chain.all_joints])
+    low, high = chain.position_limits.T
+    for _ in range(CANDIDATES):
+        motion = swing(random)
+        given = recorded(chain, state, duration=DURATION, rate=COARSE, motion=motion)
+        assert given.qd is not None and given.tau is not None
+        inside = bool(((given.q > low) & (given.q < high) & (np.abs(given.qd) < rates)).all())
+        if not inside or not np.isfinite(given.tau).all():
+            continue
+        rows, unknowns = equations_of(chain, replace(given, tau=given.tau + truth.torques(given)))
+        z = truth.coordinates(unknowns)
+        noise = NOISE * np.sqrt((rows.y**2).mean(axis=0))
+        F = _Point(rows, unknowns, z, noise).information(np.ones(rows.b.shape))
+        told = float(np.linalg.slogdet(F * unknowns.spread * unknowns.spread[:, None])[1])
+        if told > best:
+            best, found = told, motion
+    assert found is not None
+    return found
+
+
+def noise_of(kind: str, samples: int, sizes: np.ndarray, average: int, random: np.random.Generator) -> np.ndarray:
+    """Return noise of every channel, (samples, channels), averaged over neighbours."""
+    white = random.normal(size=(samples * average, len(sizes)))
+    if kind == "coloured":  # half of the variance is slow, with 20 ms of memory
+        a = 0.95
+        pushes = random.normal(size=(samples * average + 500, len(sizes)))
+        slow = lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], pushes, axis=0)
+        white = np.sqrt(0.5) * (white + slow[500:])
+    return sizes * white.reshape(samples, average, -1).mean(axis=1)
+
+
+def synthetic(seeds: int, rate: float) -> bool:
+    """Print errors, bounds and coverage on the most telling motion; return whether the bars are met."""
+    chain, state = two_pandas()
+    truth, started = Truth(2), time.perf_counter()
+    motion = most_telling(chain, state, truth)
+    print(f"most telling of {CANDIDATES} motions found in {time.perf_counter() - started:.0f} s", flush=True)
+    given = recorded(chain, state, duration=DURATION, rate=rate, motion=motion)
+    assert given.tau is not None
+    given = replace(given, tau=given.tau + truth.torques(given))
+    rows, unknowns = equations_of(chain, given)
+    print(f"{len(rows.b)} samples, equations in {time.perf_counter() - started:.0f} s", flush=True)
+    average = round(FULL_RATE / rate)
+    sizes = NOISE * np.sqrt((rows.y**2).mean(axis=0))
+    z = truth.coordinates(unknowns)
+    right, slope = unknowns.plain(z)
+    F = _Point(rows, unknowns, z, sizes / np.sqrt(average)).information(np.ones(rows.b.shape))
+    bound = np.sqrt(np.diag(slope @ np.linalg.inv(F) @ slope.T))
+    groups = {
+        "mass": np.array([0]),
+        "com": np.arange(1, 4),
+        "inertia": np.arange(4, 10),
+        "friction": np.flatnonzero(np.isin(unknowns.kind_of, ("damping", "friction"))),
+        "armature": unknowns.where("armature"),
+    }
+    met = True
+    for kind in ("white", "coloured"):
+        found: list[Machine] = []
+        for seed in range(seeds):
+            noise = noise_of(kind, len(rows.y), sizes, average, np.random.default_rng(seed))
+            noisy = replace(rows, y=rows.y + noise)
+            fit = machine_fit(noisy, unknowns, np.arange(chain.joint_count), None, huber=False)
+            found.append(machine_of(chain, unknowns, noisy, fit, 0.3))
+        errors = np.array([one.values for one in found]) - right
+        rms = np.sqrt((errors**2).mean(axis=0))
+        print(f"-- {kind} noise, {seeds} seeds, {time.perf_counter() - started:.0f} s")
+        print(f"{'':10} rms error / bound   90 % regions   90 % intervals   largest rms error")
+        for name, of in groups.items():
+            ratio = float(np.sqrt((errors[:, of] ** 2 / bound[of] ** 2).mean()))
+            inside, each = [], []
+            for one, error in zip(found, errors, strict=True):
+                C = one.covariance[np.ix_(of, of)]
+                inside.append(float(error[of] @ np.linalg.solve(C, error[of])) < chi2.ppf(LEVEL, len(of)))
+                each.append(error[of] ** 2 < chi2.ppf(LEVEL, 1) * np.diag(C))
+            size = relative(name, rms[of], right[of])
+            if name == "friction":
+                size += f"; of its torque {100 * rubbed(given, errors, unknowns):.2f} %"
+            print(f"{name:10} {ratio:17.3f}   {100 * np.mean(inside):10.1f} %   {100 * np.mean(each):12.1f} %   {size}")
+            if name != "inertia":
+                met &= kind != "white" or ratio <= 1.15
+                met &= WITHIN[0] <= float(np.mean(each)) <= WITHIN[1]
+        if kind == "white":
+            mass, com = 100 * rms[0] / right[0], 1e3 * rms[1:4].max()
+            met &= bool(mass <= 0.5) and bool(com <= 2.0)
+            met &= rubbed(given, errors, unknowns) <= 0.03
+            met &= bool((rms[groups["armature"]] <= 0.05 * right[groups["armature"]]).all())
+    print(f"bars {'met' if met else 'MISSED'}", flush=True)
+    return met
+
+
+def rubbed(given: Recording, errors: np.ndarray, unknowns: MachineUnknowns) -> float:
+    """Return the error of the torque of damping and friction, of the worst joint, relative to that torque (rms)."""
+    assert given.qd is not None
+    arms, dry = Truth(2), np.array([friction_torque(np.ones(14), v) for v in given.qd])
+    of = {"damping": given.qd, "friction": dry}
+    right = sum(arms.of(kind) * x for kind, x in of.items())
+    off = [sum(error[unknowns.where(kind)] * x for kind, x in of.items()) for error in errors]
+    return float((np.sqrt((np.square(off)).mean(axis=(0, 1))) / np.sqrt(np.square(right).mean(axis=0))).max())
+
+
+def relative(name: str, rms: np.ndarray, right: np.ndarray) -> str:
+    """Return the largest error of a group in the unit of its bar."""
+    if name == "com":
+        return f"{1e3 * rms.max():.3f} mm"
+    if name == "inertia":
+        return f"{rms.max():.2g} kg m^2"
+    return f"{100 * (rms / np.abs(right)).max():.2f} %"
+
+
+def poor_motions(count: int) -> bool:
+    """Count false claims of random poor motions of one arm."""
+    arm = panda()
+    chain = hf.ClosedChain({"arm": arm}, BOX, {"arm": hf.Grasp("rigid", hf.Pose.translation(0.0, 0.0, 0.1))})
+    model, truth = replace(chain, held_object=GUESS), Truth(1)
+    claims = false = 0
+    started = time.perf_counter()
+    for seed in range(count):
+        random = np.random.default_rng(seed)
+        moving = random.random(7) < random.uniform(0.0, 0.6)
+        size, f = random.uniform(0.0, 0.3, 7) * moving, 2.0 * np.pi * 10.0 ** random.uniform(-2.0, 0.0, 7)
+        samples = int(random.integers(12, 40))
+        t = np.linspace(0.0, random.uniform(0.2, 5.0), samples)
+        x = f * t[:, None] + random.uniform(0.0, 2.0 * np.pi, 7)
+        q = HOME["panda"] + random.uniform(-0.3, 0.3, 7) + size * np.sin(x)
+        given = Recording(t=t, q=q, qd=size * f * np.cos(x), qdd=-size * f**2 * np.sin(x), tau=0.0 * q)
+        kinds = [kind for kind in KINDS if random.random() < 0.7] or ["payload"]
+        kinds += ["links"] if random.random() < 0.3 else []
+        tau = truth.torques(given) - hf.identification.measurement_errors(chain, given, "tau")
+        tau = tau if "friction_offset" in kinds else tau - OFFSET
+        level = NOISE * np.maximum(np.sqrt((tau**2).mean(axis=0)), 0.1)
+        whole = replace(given, tau=tau + level * random.normal(size=q.shape))
+        found = hf.identify(rubbing(model, truth, kinds), whole, by="tau", unknowns=kinds)
+        right = right_values(chain, truth, found.names)
+        for name, value in zip(found.names, found.values.tolist(), strict=True):
+            deviation = found.deviations[name]
+            if np.isfinite(deviation):
+                claims += 1
+                if abs(value - right[name]) > SURE * deviation:
+                    false += 1
+                    print(f"  seed {seed}: {name} {value:.4g} +- {deviation:.2g}, but it is {right[name]:.4g}")
+        if (seed + 1) % 100 == 0 or seed + 1 == count:
+            done = f"{seed + 1} poor motions, {time.perf_counter() - started:.0f} s"
+            print(f"{done}: {claims} values said to be known, {false} of them wrongly", flush=True)
+    return not false
+
+
+def rubbing(model: hf.ClosedChain, truth: Truth, kinds: list[str]) -> hf.ClosedChain:
+    """Return the model with the true values of what is not asked for."""
+    known = [kind for kind in ("armature", "damping", "friction") if kind not in kinds]
+    joints = [
+        replace(joint, **{kind: float(truth.of(kind)[k]) for kind in known})
+        for k, joint in enumerate(model.arms["arm"].joints)
+    ]
+    held = model.held_object if "payload" in kinds else BOX
+    return replace(model, arms={"arm": replace(model.arms["arm"], joints=joints)}, held_object=held)
+
+
+def right_values(chain: hf.ClosedChain, truth: Truth, names: tuple[str, ...]) -> dict[str, float]:
+    """Return the true values by name."""
+    entries = np.triu_indices(3)
+    box = [BOX.mass, *BOX.com, *BOX.inertia[entries]]
+    found = dict(zip(names[:10], box, strict=True)) if names[0] == "mass" else {}
+    for joint, title in enumerate(chain.joint_names()):
+        for kind in KINDS[1:]:
+            found[f"{title} {kind.replace('_', ' ')}"] = truth.of(kind)[joint]
+    for link in chain.arms["arm"].links:
+        titles = [name for name in names if name.startswith(f"arm/{link.name} ")]
+        found |= dict(zip(titles, [link.mass, *link.com, *link.inertia[entries]], strict=False))
+    return found
+
+
+def main() -> int:
+    """Print all tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--motions", type=int, default=1000)
+    parser.add_argument("--rate", type=float, default=FULL_RATE, help="samples a second [Hz]")
+    given = parser.parse_args()
+    met = [synthetic(given.seeds, given.rate)] if given.seeds else []
+    met += [poor_motions(given.motions)] if given.motions else []
+    return 0 if all(met) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,292 @@
+"""The most probable machine: weighted least squares with a prior, and the covariance of its error.
+
+    min  sum rho(W (A x(z) + b - P (gain * y)))  +  |(z - z_0) / spread|^2
+
+over the coordinates z. W whitens the noise of the measurements, whose size is found from the residuals, in turns with
+z. Where gains or time offsets are unknown, derivatives are taken at the measurements without their noise,
+y + Sigma P^T V^-1 residual (the conditions of Gauss and Helmert), as noisy ones would draw gains towards zero.
+
+With F = J^T J of the whitened rows and the prior's information L, an estimate has the error
+
+    cov = (F + L)^-1 (M + L) (F + L)^-1
+
+where M is F for white noise, and as in `coloured_noise` for the residuals that were found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+from scipy.stats import norm as normal
+from scipy.stats import t as student
+
+from holdfast.identification.free_fit import channel_sizes, estimated, least_noise, whitener
+from holdfast.identification.machine.coloured_noise import Autoregression, autoregression
+from holdfast.identification.machine.rows import MachineRows
+from holdfast.identification.machine.unknowns import MachineUnknowns
+from holdfast.spatial.scalar import Array
+
+HUBER = 1.345  # deviations beyond which a residual's weight falls; 95 % efficient for normal noise (Huber 1964)
+NOT_USED = 1e4  # factor of the noise of measurements that do not count
+MOST_REFITS, NOISE_SETTLED = 40, 1e-4  # of weights and estimate; relative change of the noise at which they end
+FIRST_NOISE = 0.05  # first guess of the noise, relative to the measurements
+LEAST_LEFT_OF_SLOW = 0.5  # share of slow noise that residuals show at least, as far as deviations are corrected
+OF_MEDIAN = 1.4826  # standard deviation of normal noise, in units of its median size
+
+
+@dataclass(frozen=True, eq=False)
+class MachineFit:
+    """An estimate of a machine's coordinates.
+
+    Attributes:
+        z: (p,) the coordinates.
+        covariance: (p, p) of their error.
+        information: (p, p) F, what the recordings tell.
+        noise: (channels,) standard deviations of the measurements.
+        residuals: (samples, r) residuals of the rows.
+        errors: (samples, channels) the smallest errors of the measurements that explain the rows; for arms that hold
+            nothing, and for one arm, these are the residuals of its torques.
+        misfit: mean square of the whitened residuals, for the freedoms that are left.
+        processes: how the errors of each channel depend on the past.
+        settled: whether weights and estimate converged.
+        outliers: share of the rows whose weight Huber's loss reduces.
+        freedoms: degrees of freedom from which the noise of a channel was estimated; infinite if it was given.
+    """
+
+    z: Array
+    covariance: Array
+    information: Array
+    noise: Array
+    residuals: Array
+    errors: Array
+    misfit: float
+    processes: list[Autoregression]
+    settled: bool
+    outliers: float
+    freedoms: float
+
+    def widened(self, chance: float) -> float:
+        """Return how much wider intervals are than normal ones, as the noise is an estimate itself (Student 1908).
+
+        Args:
+            chance: that the error is beyond the interval on one side.
+        """
+        return float(student.isf(chance, self.freedoms) / normal.isf(chance))
+
+
+def machine_fit(
+    rows: MachineRows, unknowns: MachineUnknowns, kinds: Array, given: Array | None, huber: bool, coloured: bool = True
+) -> MachineFit:
+    """Return the estimate. O(samples r p^2) for each round.
+
+    Args:
+        rows: the equations.
+        unknowns: the unknowns.
+        kinds: (channels,) labels; channels with the same label have the same noise.
+        given: (channels,) standard deviations of the noise; None to estimate them.
+        huber: whether large residuals count by their size instead of their square.
+        coloured: whether the covariance is that of noise that depends on its past.
+    """
+    sizes = channel_sizes(rows.y, kinds)
+    least = least_noise(rows.y, sizes)
+    noise = np.maximum(FIRST_NOISE * sizes, least) if given is None else given
+    z, settled = unknowns.start.copy(), False
+    z = np.maximum(z, unknowns.lowest)
+    information = np.eye(len(z))
+    weights = np.ones(rows.b.shape)
+    at = _Point(rows, unknowns, z, noise)
+    for count in range(MOST_REFITS):
+        z = _minimum(at, weights)
+        before = noise
+        at = _Point(rows, unknowns, z, noise)
+        information = at.information(weights)
+        if given is None:
+            noise = np.maximum(_noise(at, kinds, sizes, information, huber), least)
+            noise = noise if count < MOST_REFITS // 2 else np.sqrt(noise * before)
+        old = weights
+        if huber:
+            e = np.abs(at.whitened)
+            weights = np.sqrt(np.minimum(1.0, HUBER / np.maximum(e, 1e-300)))
+        at = _Point(rows, unknowns, z, noise)
+        same = float(np.abs(noise / before - 1.0).max()) < NOISE_SETTLED and float(np.abs(weights - old).max()) < 1e-2
+        if same and (count or not at.bilinear):
+            settled = True
+            break
+    information = at.information(weights)
+    G = np.linalg.inv(information + np.diag(unknowns.spread**-2.0))
+    M, processes = at.scores(weights, coloured)
+    spent = float(np.trace(G @ information))
+    if given is None:  # residuals lack what the fit has spent: of slow noise, which has fewer freedoms, a larger share
+        slow = max(float(np.mean([one.slow_noise for one in processes])), 1.0)
+        M = M * (1.0 - spent / at.counted) / max(1.0 - spent * slow / at.counted, LEAST_LEFT_OF_SLOW)
+    covariance = G @ (M + np.diag(unknowns.spread**-2.0)) @ G
+    counted = float((at.whitened**2 * weights**2).sum())
+    return MachineFit(
+        z=z,
+        covariance=covariance,
+        information=information,
+        noise=noise,
+        residuals=at.residuals,
+        errors=at.errors,
+        misfit=counted / max(at.counted - spent, 1.0),
+        processes=processes,
+        settled=settled,
+        outliers=float((weights < 1.0).mean()),
+        freedoms=np.inf if given is not None else max((at.counted - spent) / len(noise), 1.0),
+    )
+
+
+def errors_at(rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Array) -> Array:
+    """Return the smallest errors of the measurements that explain the rows at coordinates z, (samples, channels)."""
+    return _Point(rows, unknowns, z, noise).errors
+
+
+class _Point:
+    """The whitened rows and their derivatives at coordinates z, for a noise of the channels."""
+
+    def __init__(self, rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Array) -> None:
+        self.rows, self.unknowns, self.z, self.noise = rows, unknowns, z, noise
+        self.gain, delay = unknowns.gain(z, rows.y.shape[1]), unknowns.delay(z)
+        self.bilinear = unknowns.linear < len(z)
+        y = _shifted(rows, delay) if delay else rows.y
+        self.maps = rows.P * self.gain
+        deviations = noise * np.where(rows.used, 1.0, NOT_USED)
+        self.W = whitener(self.maps * (deviations / noise)[:, None, :], noise, None)
+        self.x, self.slopes = unknowns.x(z)
+        self.residuals = rows.A @ self.x + rows.b - (self.maps @ y[:, :, None])[:, :, 0]
+        self.whitened = (self.W @ self.residuals[:, :, None])[:, :, 0]
+        lifted = self.W @ self.maps  # (samples, r, channels)
+        self.lifted = lifted
+        self.errors = -(deviations**2) * (lifted.transpose(0, 2, 1) @ self.whitened[:, :, None])[:, :, 0]
+        self.clean = y - self.errors
+        columns = [self.W @ rows.A]
+        if self.bilinear:
+            linear = unknowns.linear
+            of_gains = unknowns.kind_of[linear:].count("drive_gain") + unknowns.kind_of[linear:].count("sensor_scale")
+            if of_gains:
+                columns.append(-(self.W @ rows.P) * self.clean[:, None, :])
+            if "time_offset" in unknowns.kinds:
+                rate = np.concatenate([np.gradient(self.clean[part], rows.t[part], axis=0) for part in rows.parts])
+                columns.append(-np.einsum("src,sc->sr", lifted, rate)[:, :, None])
+        self.columns = np.concatenate(columns, axis=2)  # by x, gains and time offset
+
+    @property
+    def counted(self) -> float:
+        """The number of rows, less those of measurements that do not count."""
+        return self.rows.b.size * float(self.rows.used.mean())
+
+    def slopes_of_all(self, z: Array) -> Array:
+        """Return the derivatives of (x, gains, time offset) by z."""
+        found = np.eye(len(z))
+        linear = self.unknowns.linear
+        found[:linear, :linear] = self.unknowns.x(z)[1]
+        return found
+
+    def information(self, weights: Array) -> Array:
+        """Return F, (p, p)."""
+        J = (self.columns * weights[:, :, None]).reshape(-1, len(self.z))
+        T = self.slopes_of_all(self.z)
+        return T.T @ (J.T @ J) @ T
+
+    def scores(self, weights: Array, coloured: bool) -> tuple[Array, list[Autoregression]]:
+        """Return M, (p, p), and the processes of the channels."""
+        T, parts = self.slopes_of_all(self.z), self.rows.parts
+        sizes = np.where(self.rows.used, 1.0, 0.0)
+        scaled = self.errors * sizes
+        processes = [autoregression([scaled[part, c] for part in parts]) for c in range(scaled.shape[1])]
+        if not coloured or all(len(one.a) == 1 for one in processes):
+            return self.information(weights), processes
+        M = np.zeros((len(self.z), len(self.z)))
+        weighted = self.columns * (weights**2)[:, :, None]
+        for c, process in enumerate(processes):
+            B = np.einsum("sr,srp->sp", self.lifted[:, :, c] * sizes[:, c : c + 1], weighted) * self.noise[c]
+            for part in parts:
+                filtered = process.filtered(B[part])
+                M += filtered.T @ filtered
+        return T.T @ M @ T, processes
+
+
+def _minimum(at: _Point, weights: Array) -> Array:
+    """Return the most probable coordinates for given weights."""
+    unknowns, z = at.unknowns, at.z
+    p, linear = len(z), unknowns.linear
+    stacked = np.concatenate([at.columns * weights[:, :, None], (at.whitened * weights)[:, :, None]], axis=2)
+    whole = np.asarray(np.linalg.qr(stacked.reshape(-1, p + 1), mode="r"))
+    R, rest = whole[:, :p], whole[:, p]
+    here = np.concatenate([at.x, z[linear:]])
+    spread = unknowns.spread
+
+    def residual(w: Array) -> Array:
+        given = unknowns.start + spread * w
+        value = np.concatenate([unknowns.x(given)[0], given[linear:]])
+        return np.concatenate([R @ (value - here) + rest, w])
+
+    def slope(w: Array) -> Array:
+        return np.vstack([R @ at.slopes_of_all(unknowns.start + spread * w) * spread, np.eye(p)])
+
+    low = (unknowns.lowest - unknowns.start) / spread
+    w = np.maximum((z - unknowns.start) / spread, low)
+    bounded = bool(np.isfinite(low).any())
+    with np.errstate(all="ignore"):
+        found: Any = _bounded(residual, slope, w, low) if bounded else _free(residual, slope, w)
+    return unknowns.start + spread * found
+
+
+def _free(residual: Any, slope: Any, w: Array) -> Array:
+    """Return the least squares without bounds."""
+    found: Any = least_squares(residual, w, slope, method="lm", xtol=1e-12, ftol=1e-15, gtol=1e-15, max_nfev=500)
+    return found.x
+
+
+def _bounded(residual: Any, slope: Any, w: Array, low: Array) -> Array:
+    """Return the least squares with lower bounds: entries that would fall below theirs are held there in turns."""
+    held = np.zeros(len(w), bool)
+    for _ in range(MOST_REFITS):
+        free = ~held
+
+        base, columns = np.where(free, 0.0, low), np.eye(len(w))[:, free]
+        w = base + columns @ _free(*_along(residual, slope, base, columns), w[free])
+        below = free & (w < low)
+        gradient = slope(w).T @ residual(w)
+        pushed = held & (gradient < -1e-9 * max(1.0, float(np.abs(gradient).max())))
+        w = np.maximum(w, low)
+        if not below.any() and not pushed.any():
+            return w
+        held = (held & ~pushed) | below
+    return w
+
+
+def _along(residual: Any, slope: Any, base: Array, columns: Array) -> tuple[Any, Any]:
+    """Return residuals and derivatives as functions of the coordinates that are free."""
+    return (lambda v: residual(base + columns @ v)), (lambda v: slope(base + columns @ v) @ columns)
+
+
+def _noise(at: _Point, kinds: Array, sizes: Array, information: Array, huber: bool) -> Array:
+    """Return the standard deviations of the channels' noise, from the residuals at a point."""
+    spent = float(np.trace(np.linalg.solve(information + np.diag(at.unknowns.spread**-2.0), information)))
+    few = np.sqrt(at.counted / max(at.counted - spent, 0.1 * at.counted))
+    shares, used = np.einsum("src,src->sc", at.lifted, at.lifted) * at.noise**2, at.rows.used
+    if huber:
+        errors = np.abs(at.errors) / np.sqrt(np.maximum(shares, 1e-12))
+        found = [OF_MEDIAN * float(np.median(errors[:, kinds == k][used[:, kinds == k]])) for k in kinds]
+        return few * np.array(found)
+    if used.all():
+        return few * estimated(at.lifted, at.whitened, kinds, sizes, None)
+    return few * np.array([_pooled(at.errors, shares, (kinds == k) & used) for k in kinds])
+
+
+def _pooled(errors: Array, shares: Array, counted: Array) -> float:
+    """Return the standard deviation of noise of which errors show some share."""
+    return float(np.sqrt((errors[counted] ** 2).sum() / max(float(shares[counted].sum()), 1e-12)))
+
+
+def _shifted(rows: MachineRows, delay: float) -> Array:
+    """Return the measurements a time later, (samples, channels)."""
+    return np.concatenate([
+        CubicSpline(rows.t[part], rows.y[part])(np.clip(rows.t[part] + delay, rows.t[part][0], rows.t[part][-1]))
+        for part in rows.parts
+    ])  # fmt: skip
