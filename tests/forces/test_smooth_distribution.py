@@ -11,9 +11,9 @@ import holdfast as hf
 from holdfast.errors import MethodNotApplicable, SingularChainError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, least_peak, lift_margin
 from holdfast.forces.distribute import force_question
-from holdfast.spatial.second_order_cone import cone_inverse
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.second_order_cone import cone_inverse
 from tests.capabilities.chains import chain_with
 from tests.control.two_pandas import two_pandas
 from tests.longer import mostly_long, mostly_slow

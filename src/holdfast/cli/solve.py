@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 from holdfast.cli.console import print_document, read_input, stdout, with_progress
-from holdfast.cli.contact_motion_answers import ContactMotionAnswer, contact_motion_answers
 from holdfast.cli.contact_answers import ContactAnswer, contact_answers
+from holdfast.cli.contact_motion_answers import ContactMotionAnswer, contact_motion_answers
 from holdfast.cli.force_answers import METHOD as FORCE_METHOD
 from holdfast.cli.force_answers import ForceAnswer, force_answer, relative_error
 from holdfast.cli.forest_answers import COMPILED, ForestAnswer, forest_answers

@@ -198,7 +198,9 @@ class BouncingBall(ContactMotion, tag="bouncing_ball"):
 
     def found(self, run: Trajectory) -> dict[str, Any]:
         """Return the first touches, the heights after them, and when it rests."""
-        touches = [one.t for one in run.occurrences if one.kind == "touch"][: len(self.expected.get("touches", [])) or 4]
+        touches = [one.t for one in run.occurrences if one.kind == "touch"][
+            : len(self.expected.get("touches", [])) or 4
+        ]
         heights = [_extreme(run, lambda s: s.object_twist[5], t).object_pose[6] - self.radius for t in touches]
         rest = next((one for one in run.occurrences if one.kind == "rest"), None)
         ends = math.nan if rest is None or rest.rebounds_until is None else rest.rebounds_until

@@ -64,7 +64,9 @@ def require_contacts(
     if on_singular != "stop":
         raise MethodNotApplicable("on_singular: expected 'stop' with contacts; passing through is not built with them")
     if unsupported:
-        raise MethodNotApplicable(f"{unsupported[0]}: expected its default in a run with contacts; it is not built there")
+        raise MethodNotApplicable(
+            f"{unsupported[0]}: expected its default in a run with contacts; it is not built there"
+        )
 
 
 def reached(at: Instant, signals: ContactSignals, margins: Array) -> Reached:
@@ -110,9 +112,7 @@ def with_modes(
     found = decided(free.chain, origin.state, accelerate, held, by)
     rows = contact_rows(touching, found.state.object_frame, found.state.object_twist)
     news = _log(origin.t, touching.names, None if before is None else before.modes, found)
-    sums = sums._replace(
-        impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + found.outer_impulse
-    )
+    sums = sums._replace(impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + found.outer_impulse)
     least_gap = None if segment.settings.by_impulses else np.minimum(rows.gap, 0.0)
     segment = replace(segment, contacts=found.modes, least_gap=least_gap)
     return segment, replace(origin, state=found.state), sums, news
@@ -179,6 +179,6 @@ def require_progress(occurrences: Sequence[Occurrence]) -> None:
     if len(occurrences) > MOST_AT_ONCE and occurrences[-1].t - occurrences[-MOST_AT_ONCE].t < AT_ONCE:
         one = occurrences[-1]
         raise StateError(
-            f"contacts: '{one.name}' and others change their modes {MOST_AT_ONCE} times at t = {one.t:.9g} s; expected a"
-            " motion in which every mode lasts; try other points or shapes, or contacts='steps'"
+            f"contacts: '{one.name}' and others change their modes {MOST_AT_ONCE} times at t = {one.t:.9g} s; expected"
+            " a motion in which every mode lasts; try other points or shapes, or contacts='steps'"
         )

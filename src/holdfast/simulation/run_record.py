@@ -13,7 +13,16 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.stops import ALIKE
-from holdfast.simulation.trajectory import BASE_FIELDS, LOWEST, TOUCH_FIELDS, TRUNK_FIELDS, Trajectory, array_names, joined, part_of
+from holdfast.simulation.trajectory import (
+    BASE_FIELDS,
+    LOWEST,
+    TOUCH_FIELDS,
+    TRUNK_FIELDS,
+    Trajectory,
+    array_names,
+    joined,
+    part_of,
+)
 from holdfast.spatial.scalar import Array
 
 EVERYTHING, STATES = "everything", "states"

@@ -204,6 +204,6 @@ def require_resolved(found: Collision | ContactSolution, what: str) -> None:
     """
     if found.status in (ContactStatus.JAMMED, ContactStatus.UNRESOLVED):
         raise StateError(
-            f"contacts: {found.status.value} ({what}, residual {found.residual:.1e}); try fewer contacts at once, or less"
-            " friction"
+            f"contacts: {found.status.value} ({what}, residual {found.residual:.1e}); try fewer contacts at once, or"
+            " less friction"
         )

@@ -77,9 +77,7 @@ class Touch(Frozen):
     slip_speed: Array
 
 
-def touch_at(
-    chain: ClosedChain, state: State, acceleration: Array, held: Array | None, modes: ContactModes
-) -> Touch:
+def touch_at(chain: ClosedChain, state: State, acceleration: Array, held: Array | None, modes: ContactModes) -> Touch:
     """Return the forces of contacts in given modes. O(n) + O(l) + O(k).
 
     Args:
