@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Iterator, Mapping
-from dataclasses import FrozenInstanceError, fields, is_dataclass
+from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -112,6 +112,8 @@ def examples() -> dict[str, Any]:
         hf.Spring(("world", [0, 0, 1]), ("object", [0, 0, 0]), 5.0),
         touching := hf.world.Touching({"tip": hf.world.Sphere(np.zeros(3), 0.1)}, shapes()),
         *(touching.points["tip"], *touching.world.values()),
+        hf.touch(replace(chain, touching=touching), state),
+        hf.dynamics.solve_contacts(np.eye(6), np.eye(6)[None, 3:], [[0.0, 0.0, -1.0]], [0.2]),
         hf.Anchor(hf.Pose.translation(0, 0, 1)),
         *branched(),
         hf.Closure("left/link3", "right/link3", hf.Grasp("ball")),

@@ -238,6 +238,7 @@ REASONS = {
     "dynamics.power": f"{_OF_A_RESULT}; the systems of a rollout have their `work`",
     "dynamics.project_velocity": f"{_SINGULAR_VALUES}; `project` takes the velocities nearest in kinetic energy",
     "dynamics.release": "another grasp is other code; compile the chain it returns",
+    "dynamics.solve_contacts": "it tries slower ways where the fixed number of steps fails, and decides a status",
     "dynamics.state_from_joints": "it is of rigid grasps only; try `tip_poses`",
     "dynamics.tip_jacobian": "it is of one arm; `jacobian` gives those of all arms",
     "dynamics.tip_pose": "it is of one arm; `tip_poses` gives those of all arms",
@@ -252,6 +253,7 @@ REASONS = {
     "linearise": _SINGULAR_VALUES,
     "regressor": "it is of the model's parameters, which machine code has as constants",
     "dynamics.inertial_parameters": "it is of a body, not of a chain",
+    "touch": "contacts with the world are not built in machine code of chains",
     "holding_torques": "it is a control law, made by `control.compile_law(control.holding_law(chain), chain)`",
 }
 _PATHS = {path.rpartition(".")[2]: path for path in REASONS}

@@ -7,7 +7,6 @@ from .contact.solved_contacts import ContactMode as ContactMode
 from .contact.solved_contacts import ContactSolution as ContactSolution
 from .contact.solved_contacts import ContactStatus as ContactStatus
 from .contact.touch import Impact as Impact
-from .contact.touch import touch as touch
 from .contact_places import contact_attitudes as contact_attitudes
 from .energy import centre_of_mass as centre_of_mass
 from .energy import kinetic_energy as kinetic_energy

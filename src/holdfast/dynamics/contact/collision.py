@@ -25,7 +25,7 @@ from holdfast.model import checks
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
-ROUNDS = 8
+MOST_COLLISIONS = 8
 APPROACH = 1e-12  # of the largest velocity before: a slower approach is rounding
 
 
@@ -86,12 +86,12 @@ def impact(
     now, total, mode, gained = before, np.zeros((k, 3)), np.zeros(k, int), 0.0
     status, residual, rounds = ContactStatus.OK, 0.0, 0
     limit = APPROACH * np.abs(before).max(initial=0.0)
-    while rounds < ROUNDS and now[:, 2].min(initial=0.0) < -limit:
+    while rounds < MOST_COLLISIONS and now[:, 2].min(initial=0.0) < -limit:
         rounds += 1
         found = solve_contacts(P, C, now, friction)
         status = max(status, found.status, key=_ORDER.index)
         residual = max(residual, found.residual)
-        factor, gain = _expansion(P, C, found.force, found.velocity, e if rounds < ROUNDS else 0.0 * e)
+        factor, gain = _expansion(P, C, found.force, found.velocity, e if rounds < MOST_COLLISIONS else 0.0 * e)
         mode = np.where(mode == 0, found.mode, mode)
         total = total + factor[:, None] * found.force
         gained += gain

@@ -15,7 +15,7 @@ from holdfast.dynamics.contact.contact_law import (
     unknown,
     violation,
 )
-from holdfast.dynamics.contact.interior_path import FAST, Pace, path_forces
+from holdfast.dynamics.contact.interior_path import FAST, PathPace, path_forces
 from holdfast.dynamics.contact.proximal_newton import polished
 from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.spatial.scalar import Array, Scalar, array, each, sqrt, where
@@ -61,7 +61,7 @@ def contact_problem(
     return ContactProblem(L, rows, contacts, compliant)
 
 
-def cold_forces(problem: ContactProblem, pace: Pace = FAST) -> tuple[list[Array], Scalar]:
+def cold_forces(problem: ContactProblem, pace: PathPace = FAST) -> tuple[list[Array], Scalar]:
     """Return the forces in axes [n, t1, t2] without a start, and how far they are from the laws. O(k)."""
     return polished(problem.contacts, path_forces(problem.contacts, pace, problem.compliant))
 

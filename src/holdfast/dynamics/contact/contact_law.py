@@ -29,7 +29,7 @@ from holdfast.spatial.vector import largest
 
 TINY = 1e-200  # added to sizes by which is divided
 LEAST_MOBILITY = 1e-9  # of a contact's point, relative to the largest of all contacts
-ROUNDING = 2.0**-52
+UNIT_ROUNDING = 2.0**-52
 NORMAL_FIRST = [2, 0, 1]
 TANGENTS_FIRST = [1, 2, 0]
 
@@ -124,7 +124,7 @@ def violation(contacts: list[ReducedContact], forces: list[Array]) -> Scalar:
         slip = c.friction * sqrt(u[1:] @ u[1:])
         pressed = c.gauge * x
         y = pressed - u - concatenate([[slip], np.zeros(2)])
-        return largest(pressed - in_friction_cone(y, c.friction)) + ROUNDING * largest(pressed), size_of(c)
+        return largest(pressed - in_friction_cone(y, c.friction)) + UNIT_ROUNDING * largest(pressed), size_of(c)
 
     found = each(of_contact, contacts, forces)
     return largest(off for off, _ in found) * reciprocal(largest(size for _, size in found) + TINY)

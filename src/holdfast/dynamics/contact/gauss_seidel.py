@@ -12,7 +12,7 @@ from holdfast.dynamics.contact.proximal_newton import lawful_force
 from holdfast.spatial.scalar import Array
 
 SWEEPS = 500
-DIRECTIONS = 12  # rounds of the direction of slip
+SLIP_ROUNDS = 12  # rounds of the direction of slip
 REGULAR = 1e-9  # part of a contact's mobility that is added to it
 
 
@@ -43,7 +43,7 @@ def _alone(G: Array, b: Array, mu: float, old: Array) -> Array:
         return np.array([-b[0] / max(G[0, 0], 1e-14 * np.abs(G).max()), 0.0, 0.0])
     d = old[1:] if old[1:].any() else G[1:, 0] * (b[0] / G[0, 0]) - b[1:]
     x = np.zeros(3)
-    for _ in range(DIRECTIONS + 1):
+    for _ in range(SLIP_ROUNDS + 1):
         d = d / max(float(np.hypot(*d)), 1e-300)
         stiff = G[0, 0] + mu * (G[0, 1:] @ d)
         n = -b[0] / (stiff if abs(stiff) > 1e-14 * G[0, 0] else 1e-14 * G[0, 0])

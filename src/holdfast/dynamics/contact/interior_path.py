@@ -39,12 +39,12 @@ from holdfast.spatial.scalar import (
 from holdfast.spatial.second_order_cone import ConeScaling, cone_scaling, step_rate
 from holdfast.spatial.vector import largest
 
-LARGEST = 1e100  # step of z that is taken
+LARGEST_DIRECTION = 1e100  # step of z that is taken
 LEAST_PRODUCT = 1e-10  # kappa at which the path ends
 E0 = np.array([1.0, 0.0, 0.0])
 
 
-class Pace(NamedTuple):
+class PathPace(NamedTuple):
     """How the path is followed.
 
     Attributes:
@@ -60,11 +60,11 @@ class Pace(NamedTuple):
     fraction: float
 
 
-FAST = Pace(18, 0.1, 0.1, 0.9)
-CAUTIOUS = Pace(80, 0.05, 0.6, 0.7)
+FAST = PathPace(18, 0.1, 0.1, 0.9)
+CAUTIOUS = PathPace(80, 0.05, 0.6, 0.7)
 
 
-class PathPoint(NamedTuple):
+class ConePoint(NamedTuple):
     """A point near the path: z, and x and y of every contact inside of the cone."""
 
     z: Array
@@ -110,7 +110,7 @@ class Linearised(NamedTuple):
     part: Array
 
 
-def path_forces(contacts: list[ReducedContact], pace: Pace = FAST, compliant: bool = False) -> list[Array]:
+def path_forces(contacts: list[ReducedContact], pace: PathPace = FAST, compliant: bool = False) -> list[Array]:
     """Return the forces of all contacts at the end of the path.
 
     Args:
@@ -131,12 +131,12 @@ def path_forces(contacts: list[ReducedContact], pace: Pace = FAST, compliant: bo
         )
 
     own = each(scaled, contacts, stretches, roots)
-    start = PathPoint(0.0 * contacts[0].by_z[0], [E0] * len(contacts), [E0] * len(contacts))
+    start = ConePoint(0.0 * contacts[0].by_z[0], [E0] * len(contacts), [E0] * len(contacts))
     last, _ = scan(lambda at, _: (_advanced(own, pace, at, compliant), None), start, [None] * pace.steps)
     return each(lambda D, root, x: (unit * reciprocal(root)) * (D * x), stretches, roots, last.x)
 
 
-def _advanced(contacts: list[ScaledContact], pace: Pace, at: PathPoint, compliant: bool) -> PathPoint:
+def _advanced(contacts: list[ScaledContact], pace: PathPace, at: ConePoint, compliant: bool) -> ConePoint:
     """Return the next point: Mehrotra's predictor and corrector with one matrix."""
     kappa = sum(x @ y for x, y in zip(at.x, at.y, strict=True)) * (1.0 / len(contacts))
     smooth = pace.smooth * kappa
@@ -164,12 +164,12 @@ def _advanced(contacts: list[ScaledContact], pace: Pace, at: PathPoint, complian
     target = maximum(maximum(less * less * less, pace.least) * kappa, LEAST_PRODUCT)
     dz, dx, dy = direction(each(lambda one, a, b: one.scaling.corrected(a, b, target), of, dx, dy))
     length = longest(dx, dy, pace.fraction)
-    moves = where(largest(dz) < LARGEST, length, 0.0) > 0.0  # what is not finite is not taken
+    moves = where(largest(dz) < LARGEST_DIRECTION, length, 0.0) > 0.0  # what is not finite is not taken
 
     def moved(old: Array, change: Array) -> Array:
         return select(moves, old + length * change, old)
 
-    return PathPoint(moved(at.z, dz), each(moved, at.x, dx), each(moved, at.y, dy))
+    return ConePoint(moved(at.z, dz), each(moved, at.x, dx), each(moved, at.y, dy))
 
 
 def _linearised(c: ScaledContact, z: Array, x: Array, y: Array, smooth: Scalar, compliant: bool) -> Linearised:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -13,8 +15,9 @@ from holdfast.dynamics.contact.contact_forces import (
     found_forces,
 )
 from holdfast.dynamics.contact.contact_law import NORMAL_FIRST, unknown
+from holdfast.dynamics.contact.faceted_cones import faceted_forces
 from holdfast.dynamics.contact.gauss_seidel import swept_forces
-from holdfast.dynamics.contact.interior_path import CAUTIOUS
+from holdfast.dynamics.contact.interior_path import CAUTIOUS, path_forces
 from holdfast.dynamics.contact.proximal_newton import polished
 from holdfast.dynamics.contact.solved_contacts import ContactSolution, ContactStatus
 from holdfast.dynamics.contact.uniqueness import (
@@ -34,6 +37,8 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
+SOFT = 1e-8  # compliance of all contacts, relative to their mobilities
+PATIENT = (1e-1,) * 5 + (1e-2,) * 10 + (1e-3, 1e-3, 1e-4, 1e-4)  # compliances of Newton's steps after it
 LOADS = (1.0, 0.5)  # of the largest change of loads that keeps the forces in their cones
 SAME_MOTION = 1e-7  # motions that differ less, relative to the free velocities, are one
 
@@ -77,21 +82,28 @@ def solve_contacts(
 
 
 def surely(problem: ContactProblem, start: Array | None = None) -> list[Array]:
-    """Return the forces that violate the laws least: by the last ones, the fast way, the careful way, then sweeps."""
-    contacts, tries = problem.contacts, []
-    if start is not None:
-        tries.append(lambda: polished(contacts, [np.roll(x, 1) for x in start]))
-    tries.append(lambda: cold_forces(problem))
-    tries.append(lambda: cold_forces(problem, CAUTIOUS))
-    tries.append(lambda: polished(contacts, swept_forces(contacts)))
-    best, least = [np.zeros(3) for _ in contacts], np.inf
-    for attempt in tries:
-        forces, off = attempt()
+    """Return the forces that violate the laws least of all ways that are tried, in turn, until one resolves them."""
+    best, least = [np.zeros(3) for _ in problem.contacts], np.inf
+    for _, forces, off in ways(problem, start):
         if off < least:
             best, least = forces, off
         if least <= RESOLVED:
             break
     return best
+
+
+def ways(problem: ContactProblem, start: Array | None = None) -> Iterator[tuple[str, list[Array], float]]:
+    """Yield forces and their violation of the laws: from given ones, the fast way, then ever slower and surer ways."""
+    contacts = problem.contacts
+    if start is not None:
+        yield "warm", *polished(contacts, [np.roll(x, 1) for x in start])
+    yield "fast", *cold_forces(problem)
+    yield "careful", *cold_forces(problem, CAUTIOUS)
+    soft = [c._replace(compliance=c.compliance + SOFT * c.gauge) for c in contacts]  # internal forces stay finite
+    yield "soft", *polished(contacts, path_forces(soft, CAUTIOUS, True), PATIENT)
+    for forces in faceted_forces(contacts):
+        yield "facets", *polished(contacts, forces)
+    yield "sweeps", *polished(contacts, swept_forces(contacts))
 
 
 def settled(problem: ContactProblem, forces: list[Array]) -> ContactSolution:

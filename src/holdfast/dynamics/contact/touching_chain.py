@@ -25,7 +25,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 CLOSED = 1e-9  # m: a smaller gap is closed
-MOVING = 1e-9  # m/s, or relative to a larger twist of the object: a slower contact is at rest
+LEAST_SLIP = 1e-9  # m/s, or relative to a larger twist of the object: a slower contact is at rest
 
 
 class TouchingForces(NamedTuple):
@@ -85,7 +85,7 @@ def touching_forces(motion: ChainMotion, state: State, free: Solution) -> Touchi
     touching, twist = motion.chain.touching, state.object_twist
     assert touching is not None
     rows = contact_rows(touching, state.object_frame, twist)
-    u, least = rows.velocity(twist), MOVING * max(1.0, float(np.abs(twist).max()))
+    u, least = rows.velocity(twist), LEAST_SLIP * max(1.0, float(np.abs(twist).max()))
     closed = (rows.gap <= CLOSED) & (u[:, 2] <= least)
     fastest = int(np.argmin(np.where(closed, u[:, 2], np.inf)))
     if closed.any() and u[fastest, 2] < -least:

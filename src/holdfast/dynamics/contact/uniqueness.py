@@ -18,8 +18,8 @@ finds: such forces squeeze the chain where it cannot give way. For contacts that
 n - mu t, all 2^k sets of pressing contacts of the linear complementarity problem are tried.
 
 **Proof of uniqueness.** Two solutions satisfy |dz|^2 <= |dlambda_n . d(mu |u_t|)|, and |dlambda_n| <= |dz| / sqrt(s), s
-the least eigenvalue of G_nn - G_nt G_tt^-1 G_tn, G = B B^T. Therefore |diag(mu) B_t| < sqrt(s) proves that there is
-only one.
+the least eigenvalue of G_nn - G_nt G_tt^-1 G_tn, G = B B^T with the rows along which forces can act, if these are
+independent. Therefore |diag(mu) B_t| < sqrt(s) proves that there is only one.
 
 References: Lawson and Hanson, "Solving Least Squares Problems", 1974, ch. 23; Cottle, Pang and Stone, "The Linear
 Complementarity Problem", 1992; docs/theory/contact_with_the_world.md.
@@ -37,7 +37,7 @@ from holdfast.dynamics.contact.contact_law import ReducedContact
 from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.spatial.scalar import Array
 
-NULL = 1e-9  # singular values below this, relative to the largest, count as zero
+NO_SINGULAR_VALUE = 1e-9  # singular values below this, relative to the largest, count as zero
 SQUEEZED = 1e-9  # of the velocities: a residual of Farkas' forces that is rounding
 MOST_ENUMERATED = 8  # contacts that slide already
 
@@ -111,11 +111,11 @@ class LoadFreedoms(NamedTuple):
 def load_freedoms(active: ActiveRows) -> LoadFreedoms:
     """Return the freedoms of the active forces."""
     U, s, Vt = np.linalg.svd(active.R @ np.linalg.solve(active.K, active.N.T))
-    rank = int((s > NULL * s.max(initial=0.0)).sum())
+    rank = int((s > NO_SINGULAR_VALUE * s.max(initial=0.0)).sum())
     null = Vt[rank:].T
     _, moved, W = np.linalg.svd(active.N.T @ null)
     size = np.linalg.norm(active.N, axis=1).max(initial=0.0)
-    return LoadFreedoms(null, U[:, rank:], null @ W[: int((moved > NULL * size).sum())].T)
+    return LoadFreedoms(null, U[:, rank:], null @ W[: int((moved > NO_SINGULAR_VALUE * size).sum())].T)
 
 
 def of_equal_compliances(active: ActiveRows, freedoms: LoadFreedoms, forces: Sequence[Array]) -> list[Array]:
@@ -125,7 +125,7 @@ def of_equal_compliances(active: ActiveRows, freedoms: LoadFreedoms, forces: Seq
     added that make it so. Where the motion does not depend on them, these are the forces of least norm.
     """
     a = np.array([forces[j][i] for j, i in active.places])
-    c = np.linalg.lstsq(freedoms.left.T @ freedoms.null, -freedoms.left.T @ a, rcond=NULL)[0]
+    c = np.linalg.lstsq(freedoms.left.T @ freedoms.null, -freedoms.left.T @ a, rcond=NO_SINGULAR_VALUE)[0]
     return added(active, forces, freedoms.null @ c)
 
 
@@ -162,16 +162,16 @@ def proven_unique(contacts: Sequence[ReducedContact]) -> bool:
         A = np.array([c.by_z[0] for c in contacts]) @ np.array([c.along[0] for c in contacts]).T
         rest = any(c.friction > 0.0 for c in contacts)
         least = float(np.linalg.eigvalsh(A + A.T)[0])
-        return not rest and least > NULL * float(np.abs(A).max())
-    mu = np.array([float(c.friction) for c in contacts])
-    if not mu.any():
+        return not rest and least > NO_SINGULAR_VALUE * float(np.abs(A).max())
+    rubbing = [c for c in contacts if c.friction > 0.0]
+    if not rubbing:
         return True
-    n, t = np.array([c.by_z[0] for c in contacts]), np.concatenate([c.by_z[1:] for c in contacts])
-    G = t @ t.T
-    if 3 * len(contacts) > len(n[0]) or _rank(np.concatenate([n, t])) < 3 * len(contacts):
+    mu = np.repeat([float(c.friction) for c in rubbing], 2)
+    n, t = np.array([c.by_z[0] for c in contacts]), np.concatenate([c.by_z[1:] for c in rubbing])
+    if len(n) + len(t) > n.shape[1] or _rank(np.concatenate([n, t])) < len(n) + len(t):
         return False
-    S = n @ n.T - (n @ t.T) @ np.linalg.solve(G, t @ n.T)
-    return float(np.linalg.norm(np.repeat(mu, 2)[:, None] * t, 2)) ** 2 < float(np.linalg.eigvalsh(S)[0])
+    S = n @ n.T - (n @ t.T) @ np.linalg.solve(t @ t.T, t @ n.T)
+    return float(np.linalg.norm(mu[:, None] * t, 2)) ** 2 < float(np.linalg.eigvalsh(S)[0])
 
 
 def squeezing_forces(contacts: Sequence[ReducedContact]) -> Array | None:
@@ -209,7 +209,7 @@ def pressing_sets(contacts: Sequence[ReducedContact]) -> list[list[Array]] | Non
         x = np.zeros(len(contacts))
         if len(S):
             block = A[np.ix_(S, S)]
-            if np.linalg.cond(block) > 1.0 / NULL:
+            if np.linalg.cond(block) > 1.0 / NO_SINGULAR_VALUE:
                 continue
             x[S] = np.linalg.solve(block, -b[S])
         if x.min() >= 0.0 and (b + A @ x).min() >= -1e-12 * size:
@@ -226,4 +226,4 @@ def _range(A: Array) -> Array:
     if not A.size:
         return np.zeros((len(A), 0))
     U, s, _ = np.linalg.svd(A, full_matrices=False)
-    return U[:, : int((s > NULL * s.max(initial=0.0)).sum())]
+    return U[:, : int((s > NO_SINGULAR_VALUE * s.max(initial=0.0)).sum())]

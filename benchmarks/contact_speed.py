@@ -1,0 +1,123 @@
+"""Time of the contact solver as machine code, in units of F, the bound forward dynamics of two 7-joint arms.
+
+    python -m benchmarks.contact_speed [--contacts 4]
+
+cold    the path, then Newton's steps: 18 + 6
+warm    two of Newton's steps from the last forces
+batch   cold, for each of 512 systems in one call
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from tests.compiler.programs import ArrayKernel
+from tests.control.two_pandas import two_pandas
+
+import holdfast as hf
+from benchmarks.contact_bars import Drawn, drawn
+from holdfast.compiled.traced_chain import traced
+from holdfast.compiler.schedule import External
+from holdfast.dynamics.contact.contact_forces import cold_forces, contact_problem, found_forces
+from holdfast.dynamics.contact.proximal_newton import polished
+from holdfast.spatial.scalar import Array
+
+BATCH = 512
+WARM = (1e-3, 1e-4)
+
+
+def cold_kernel(k: int) -> tuple[ArrayKernel, int]:
+    """Return machine code of the cold solver and the number of its operations."""
+
+    def asked(P: Array, C: Array, b: Array, mu: Array) -> tuple[Array, ...]:
+        problem = contact_problem(P, C, b, mu, np.zeros(k), np.zeros((k, 2)), False)
+        found = found_forces(problem, cold_forces(problem)[0])
+        return found.force, found.wrench, found.residual
+
+    return kernel_of(asked, {"P": (6, 6), "C": (k, 3, 6), "b": (k, 3), "mu": (k,)}, k)
+
+
+def warm_kernel(k: int) -> tuple[ArrayKernel, int]:
+    """Return machine code of the warm solver, which takes forces [n, t1, t2] as well, and its operations."""
+
+    def asked(P: Array, C: Array, b: Array, mu: Array, start: Array) -> tuple[Array, ...]:
+        problem = contact_problem(P, C, b, mu, np.zeros(k), np.zeros((k, 2)), False)
+        found = found_forces(problem, polished(problem.contacts, list(start), WARM)[0])
+        return found.force, found.wrench, found.residual
+
+    return kernel_of(asked, {"P": (6, 6), "C": (k, 3, 6), "b": (k, 3), "mu": (k,), "start": (k, 3)}, k)
+
+
+def kernel_of(
+    asked: Callable[..., tuple[Array, ...]], shapes: dict[str, tuple[int, ...]], k: int
+) -> tuple[ArrayKernel, int]:
+    """Return machine code of a function of arrays, and the number of its operations."""
+    results = {"force": (k, 3), "wrench": (6,), "residual": ()}
+    externals = {name: External(shape, "input") for name, shape in shapes.items()}
+    externals |= {name: External(shape, "output") for name, shape in results.items()}
+
+    def named(given: Mapping[str, Array]) -> dict[str, Array]:
+        return dict(zip(results, asked(*(given[name] for name in shapes)), strict=True))
+
+    schedule = traced(externals, named)
+    return ArrayKernel(externals, lambda: schedule), schedule.operation_count
+
+
+def time_of(run: Callable[[], object], repeats: int = 2000) -> float:
+    """Return the least time of a call, of 20 rounds [s]."""
+    best = np.inf
+    for _ in range(20):
+        start = time.perf_counter()
+        for _ in range(repeats // 20):
+            run()
+        best = min(best, (time.perf_counter() - start) / (repeats // 20))
+    return best
+
+
+def main() -> None:
+    """Print the times."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--contacts", type=int, default=4)
+    k = parser.parse_args().contacts
+    chain, state = two_pandas()[:2]
+    bound = hf.compile(chain).bind()
+    for name in ("q", "qd", "object_pose", "object_twist"):
+        bound.arrays[name][...] = getattr(state, name)
+    F = time_of(bound.run)
+    print(f"F = {1e6 * F:.2f} us")
+    rng = np.random.default_rng(3)
+    many = [drawn(rng, k, 0.5) for _ in range(BATCH)]
+    for name, (kernel, count) in {"cold": cold_kernel(k), "warm": warm_kernel(k)}.items():
+        given = [*many[0]] if name == "cold" else [*many[0], start_of(many[0])]
+        single = kernel.bind()
+        for array, x in zip(single.arrays.values(), given, strict=False):
+            array[...] = x
+        single.prepare()
+        spent = time_of(single.run)
+        print(f"{name}: {count} operations, {1e6 * spent:.1f} us = {spent / F:.1f} F")
+        if name == "cold":
+            stacked = [np.array([getattr(one, field) for one in many]) for field in Drawn._fields]
+            kernel(*stacked)
+            start = time.perf_counter()
+            for _ in range(10):
+                _, _, residual = kernel(*stacked)
+            each = (time.perf_counter() - start) / 10 / BATCH
+            print(
+                f"batch: {1e6 * each:.2f} us a system = {each / F:.1f} F; {int((residual > 1e-9).sum())} of {BATCH}"
+                " left"
+            )
+
+
+def start_of(one: Drawn) -> Array:
+    """Return the forces of a problem, axes [n, t1, t2]."""
+    k = len(one.free)
+    problem = contact_problem(*one, np.zeros(k), np.zeros((k, 2)), False)
+    with np.errstate(all="ignore"):
+        return np.array(cold_forces(problem)[0])
+
+
+if __name__ == "__main__":
+    main()
