@@ -159,6 +159,7 @@ def _log(t: float, names: Sequence[str], before: ContactModes | None, found: Dec
 def changes(before: Instant, after: Instant, names: Sequence[str]) -> list[Occurrence]:
     """Return the entries for contacts whose modes differ between the ends of a step with impulses."""
     assert before.touch is not None and after.touch is not None
+    h, pushes = after.t - before.t, after.touch.rows.in_world(after.touch.force)
     news = []
     for j, (old, now) in enumerate(zip(before.touch.modes.mode, after.touch.modes.mode, strict=True)):
         if old == now:
@@ -166,7 +167,9 @@ def changes(before: Instant, after: Instant, names: Sequence[str]) -> list[Occur
         kind: OccurrenceKind = "touch" if old == ContactMode.OPEN else "lift"
         if ContactMode.OPEN not in (old, now):
             kind = "stick" if now == ContactMode.STICKS else "slip"
-        news.append(Occurrence(after.t, kind, names[j], f"'{names[j]}' {VERBS[kind]} in the step that ends here"))
+        impulse = tuple((h * pushes[j]).tolist()) if kind == "touch" else ()
+        text = f"'{names[j]}' {VERBS[kind]} in the step that ends here"
+        news.append(Occurrence(after.t, kind, names[j], text, impulse=impulse))
     return news
 
 
