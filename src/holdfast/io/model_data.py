@@ -33,7 +33,6 @@ from holdfast.model.world import solids, touching
 from holdfast.spatial.pose import Pose
 
 
-
 def _name_of(kind: type) -> str:
     """Return the name of a class in files: that of a shape of the world says so, as pictures have boxes, too."""
     return f"world.{kind.__name__}" if kind.__module__.startswith(WORLD) else kind.__name__

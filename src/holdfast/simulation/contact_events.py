@@ -64,7 +64,9 @@ def require_contacts(
     if on_singular != "stop":
         raise MethodNotApplicable("on_singular: expected 'stop' with contacts; passing through is not built with them")
     if unsupported:
-        raise MethodNotApplicable(f"{unsupported[0]}: expected its default in a run with contacts; it is not built there")
+        raise MethodNotApplicable(
+            f"{unsupported[0]}: expected its default in a run with contacts; it is not built there"
+        )
 
 
 def reached(at: Instant, signals: ContactSignals, margins: Array) -> Reached:
@@ -110,9 +112,7 @@ def with_modes(
     found = decided(free.chain, origin.state, accelerate, held, by)
     rows = contact_rows(touching, found.state.object_frame, found.state.object_twist)
     news = _log(origin.t, touching.names, None if before is None else before.modes, found)
-    sums = sums._replace(
-        impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + found.outer_impulse
-    )
+    sums = sums._replace(impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + found.outer_impulse)
     least_gap = None if segment.settings.by_impulses else np.minimum(rows.gap, 0.0)
     segment = replace(segment, contacts=found.modes, least_gap=least_gap)
     return segment, replace(origin, state=found.state), sums, news
@@ -159,6 +159,7 @@ def _log(t: float, names: Sequence[str], before: ContactModes | None, found: Dec
 def changes(before: Instant, after: Instant, names: Sequence[str]) -> list[Occurrence]:
     """Return the entries for contacts whose modes differ between the ends of a step with impulses."""
     assert before.touch is not None and after.touch is not None
+    h, pushes = after.t - before.t, after.touch.rows.in_world(after.touch.force)
     news = []
     for j, (old, now) in enumerate(zip(before.touch.modes.mode, after.touch.modes.mode, strict=True)):
         if old == now:
@@ -166,7 +167,9 @@ def changes(before: Instant, after: Instant, names: Sequence[str]) -> list[Occur
         kind: OccurrenceKind = "touch" if old == ContactMode.OPEN else "lift"
         if ContactMode.OPEN not in (old, now):
             kind = "stick" if now == ContactMode.STICKS else "slip"
-        news.append(Occurrence(after.t, kind, names[j], f"'{names[j]}' {VERBS[kind]} in the step that ends here"))
+        impulse = tuple((h * pushes[j]).tolist()) if kind == "touch" else ()
+        text = f"'{names[j]}' {VERBS[kind]} in the step that ends here"
+        news.append(Occurrence(after.t, kind, names[j], text, impulse=impulse))
     return news
 
 
@@ -179,6 +182,6 @@ def require_progress(occurrences: Sequence[Occurrence]) -> None:
     if len(occurrences) > MOST_AT_ONCE and occurrences[-1].t - occurrences[-MOST_AT_ONCE].t < AT_ONCE:
         one = occurrences[-1]
         raise StateError(
-            f"contacts: '{one.name}' and others change their modes {MOST_AT_ONCE} times at t = {one.t:.9g} s; expected a"
-            " motion in which every mode lasts; try other points or shapes, or contacts='steps'"
+            f"contacts: '{one.name}' and others change their modes {MOST_AT_ONCE} times at t = {one.t:.9g} s; expected"
+            " a motion in which every mode lasts; try other points or shapes, or contacts='steps'"
         )

@@ -44,6 +44,7 @@ class ContactStepper(ReferenceStepper):
         """Return what a run records besides the motion; see `Accounting`."""
         found = []
         for k in range(len(t)):
+
             def inputs(at: float, state: State, k: int = k) -> Inputs:
                 own = inputs_at(self.environment.inputs, self.environment.of_state, at, state)
                 return with_wrench(own, arrays[WRENCH][k])
@@ -85,7 +86,9 @@ class ContactStepper(ReferenceStepper):
         implicit: Implicit | None = None,
     ) -> Instant:
         of = self.environment, self.controller, t, state, memory
-        return evaluate(*of, generic_rank=self.generic_rank, held=held, implicit=implicit, contacts=partial(touch_at, modes=modes))
+        return evaluate(
+            *of, generic_rank=self.generic_rank, held=held, implicit=implicit, contacts=partial(touch_at, modes=modes)
+        )
 
 
 def _row(arrays: Mapping[str, Array], k: int) -> dict[str, Array]:

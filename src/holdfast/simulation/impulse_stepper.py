@@ -4,11 +4,12 @@
     0 <= u_n + h/2 drift_n + gap / h  _|_  lambda_n >= 0,   Coulomb's law with u_t + h/2 drift_t       (at x_m)
     x+ = x + h/2 (v + v+),   at a touch x + h v+;   then grasps and closed gaps are closed
 
-v_m = (v + v+) / 2 is that of a first pass with v_m = v. The rows are those at x_m, the gap is that at x; h/2 drift takes the rows to the end of the step, which makes steps
-without a touch second-order. Candidates are the contacts within reach of the step, whatever their gap would be without
-contact forces: one contact may push the object onto another. A contact that lands faster than twice the speed that
-gravity gives in a step rebounds with e times its speed at the step's start, so that no energy is made of the time
-between touch and end: lambda_n u_n <= 0 and lambda_t u_t <= 0 in every step. The order of the run is one across a touch.
+v_m = (v + v+) / 2 is that of a first pass with v_m = v. The rows are those at x_m, the gap is that at x; h/2 drift
+takes the rows to the end of the step, which makes steps without a touch second-order. Candidates are the contacts
+within reach of the step, whatever their gap would be without contact forces: one contact may push the object onto
+another. A contact that lands faster than twice the speed that gravity gives in a step rebounds with e times its speed
+at the step's start, so that no energy is made of the time between touch and end: lambda_n u_n <= 0 and lambda_t u_t
+<= 0 in every step. The order of the run is one across a touch.
 
 Reference: J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, 1988; M. Jean, The non-smooth
 contact dynamics method, 1999.

@@ -183,8 +183,9 @@ def simulate(
     require_controller(controller)
     checks.name(name, "simulation: name")
     named = scheme_named(scheme)
-    given = {"start": start, "on_checkpoint": on_checkpoint, "make_stepper": make_stepper, "largest_drift": largest_drift}
-    require_contacts(chain, contacts, named, on_singular, [what for what, x in given.items() if x is not None])
+    unsupported = {"start": start, "on_checkpoint": on_checkpoint, "make_stepper": make_stepper}
+    unsupported |= {"largest_drift": largest_drift}
+    require_contacts(chain, contacts, named, on_singular, [what for what, x in unsupported.items() if x is not None])
     grid = step_times(duration, step)
     state.fits(chain)
     ordered = in_order(events, chain, float(grid[-1]))

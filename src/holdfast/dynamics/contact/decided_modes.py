@@ -108,6 +108,7 @@ def decided(
     closed = np.flatnonzero(near)
     base = np.zeros(6)
     total, slow, change, jammed, jams = np.zeros((k, 3)), np.zeros(k), 0.0, False, False
+    mode, slip, solution = np.zeros(k, int), np.zeros((k, 3)), None
     for _ in range(1 + JAMS):
         rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
         motion = holding(chain_at_rest(chain, state), held)
@@ -134,8 +135,8 @@ def decided(
         jammed = solution.status in (ContactStatus.JAMMED, ContactStatus.UNRESOLVED)
         if not jammed:
             break
-    else:
-        require_resolved(solution, "forces")
+    assert solution is not None
+    require_resolved(solution, "forces")
     still = rows.restitution < 1.0
     pull = -(rows.C @ accelerate(state) + rows.drift)[:, 2] if slow.any() else np.ones(k)
     e = np.where(still, rows.restitution, 0.0)
@@ -204,6 +205,6 @@ def require_resolved(found: Collision | ContactSolution, what: str) -> None:
     """
     if found.status in (ContactStatus.JAMMED, ContactStatus.UNRESOLVED):
         raise StateError(
-            f"contacts: {found.status.value} ({what}, residual {found.residual:.1e}); try fewer contacts at once, or less"
-            " friction"
+            f"contacts: {found.status.value} ({what}, residual {found.residual:.1e}); try fewer contacts at once, or"
+            " less friction"
         )
