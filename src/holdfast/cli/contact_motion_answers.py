@@ -11,7 +11,7 @@ from rich.console import Console
 
 from holdfast.errors import HoldfastError
 from holdfast.io.contact_motion import ContactMotion, error_of
-from holdfast.simulation.contact_events import EVENTS, STEPS
+from holdfast.simulation.contact_events import EVENTS_WAY, IMPULSES_WAY
 from holdfast.simulation.simulate import simulate
 
 DEFAULT = "sequential"  # the default of `holdfast solve`
@@ -69,9 +69,9 @@ class ContactMotionAnswer:
 def contact_motion_answers(case: ContactMotion, methods: Sequence[str]) -> list[ContactMotionAnswer]:
     """Return the answer by events, and for all methods that by steps, too; other methods do not apply."""
     if DEFAULT not in methods:
-        reason = f"not_applicable: a motion is answered by simulate(contacts={EVENTS!r}); try no --method, or all"
+        reason = f"not_applicable: a motion is answered by simulate(contacts={EVENTS_WAY!r}); try no --method, or all"
         return [ContactMotionAnswer(case, methods[0], reason)]
-    return [_answer(case, way, step) for way, step in ((EVENTS, case.step), (STEPS, STEP))[: len(methods)]]
+    return [_answer(case, way, step) for way, step in ((EVENTS_WAY, case.step), (IMPULSES_WAY, STEP))[: len(methods)]]
 
 
 def _answer(case: ContactMotion, way: str, step: float) -> ContactMotionAnswer:

@@ -28,7 +28,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-BEYOND = 1.05  # a run goes on for so much longer than the motion is asked for
+LONGER = 1.05  # a run goes on for so much longer than the motion is asked for
 THIN = 1e-3  # inertia of a rod about itself, of that across it; it never turns about itself
 
 
@@ -126,7 +126,7 @@ class BlockOnSlope(ContactMotion, tag="block_on_slope"):
     def duration(self) -> float:
         """Until it stands [s]."""
         braking = self.gravity * (self.mu * math.cos(self.slope) - math.sin(self.slope))
-        return BEYOND * self.speed / braking
+        return LONGER * self.speed / braking
 
     def found(self, run: Trajectory) -> dict[str, Any]:
         """Return when and where it stops, and the force on the slope along and across it."""
@@ -161,7 +161,7 @@ class BallSlidesThenRolls(ContactMotion, tag="ball_slides_then_rolls"):
     @property
     def duration(self) -> float:
         """Until `time`, or until it rolls [s]."""
-        return self._time or (BEYOND * 2.0 / 7.0 * self.speed / (self.mu * self.gravity))
+        return self._time or (LONGER * 2.0 / 7.0 * self.speed / (self.mu * self.gravity))
 
     def found(self, run: Trajectory) -> dict[str, Any]:
         """Return when it rolls, how fast, and how far it comes."""
@@ -200,7 +200,7 @@ class BouncingBall(ContactMotion, tag="bouncing_ball"):
     def duration(self) -> float:
         """Until it rests [s]."""
         e = self.restitution
-        return BEYOND * math.sqrt(2.0 * self.height / self.gravity) * (1.0 + e) / (1.0 - e)
+        return LONGER * math.sqrt(2.0 * self.height / self.gravity) * (1.0 + e) / (1.0 - e)
 
     def found(self, run: Trajectory) -> dict[str, Any]:
         """Return the first touches, the heights after them, and when it rests."""
@@ -244,7 +244,7 @@ class Ladder(ContactMotion, tag="ladder"):
     def duration(self) -> float:
         """Until shortly after it leaves the wall, at two thirds of its first height [s]."""
         if isinstance(left := self.expected.get("leaves_after"), float):
-            return BEYOND * left
+            return LONGER * left
         return 2.0 * math.sqrt(self.half_length / self.gravity)
 
     def found(self, run: Trajectory) -> dict[str, Any]:
@@ -340,7 +340,7 @@ class ArmStrikesWall(ContactMotion, tag="arm_strikes_wall"):
     def duration(self) -> float:
         """Until shortly after the second touch [s]."""
         if isinstance(last := self.expected.get("second_touch"), float):
-            return BEYOND * last
+            return LONGER * last
         return 6.0 * math.sqrt(self.link_length / self.gravity)
 
     def found(self, run: Trajectory) -> dict[str, Any]:

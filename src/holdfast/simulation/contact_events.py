@@ -17,18 +17,18 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Origin
-from holdfast.simulation.contact_signals import CONE, FORCE, GAP, QUANTITIES, ContactSignals
+from holdfast.simulation.contact_signals import CONE, FORCE, OPENING, QUANTITIES, ContactSignals
 from holdfast.simulation.events import Occurrence, OccurrenceKind
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.segment import Segment
 from holdfast.spatial.scalar import Array
 
-EVENTS, STEPS = "events", "steps"
-WAYS = (EVENTS, STEPS)
+EVENTS_WAY, IMPULSES_WAY = "events", "steps"
+WAYS = (EVENTS_WAY, IMPULSES_WAY)
 VERBS = {"touch": "touches", "lift": "lifts", "stick": "sticks", "slip": "slips"}
-MOST_AT_ONCE = 100  # entries of the log within `AT_ONCE`
-AT_ONCE = 1e-9  # s
+MOST_AT_ONCE = 100  # entries of the log within `SAME_INSTANT`
+SAME_INSTANT = 1e-9  # s
 
 
 def require_contacts(
@@ -78,7 +78,7 @@ def reached(at: Instant, signals: ContactSignals, margins: Array) -> Reached:
     for j in np.flatnonzero(of_contacts[:, CONE]).tolist():
         t = touch.force[j, :2] @ touch.rows.axes[j, :2]
         slipping[j] = -t / np.linalg.norm(t)
-    touched, lifted = (np.flatnonzero(of_contacts[:, i]).tolist() for i in (GAP, FORCE))
+    touched, lifted = (np.flatnonzero(of_contacts[:, i]).tolist() for i in (OPENING, FORCE))
     return Reached(touched, lifted, slipping)
 
 
@@ -179,7 +179,7 @@ def require_progress(occurrences: Sequence[Occurrence]) -> None:
     Raises:
         StateError: naming the contact that changed last.
     """
-    if len(occurrences) > MOST_AT_ONCE and occurrences[-1].t - occurrences[-MOST_AT_ONCE].t < AT_ONCE:
+    if len(occurrences) > MOST_AT_ONCE and occurrences[-1].t - occurrences[-MOST_AT_ONCE].t < SAME_INSTANT:
         one = occurrences[-1]
         raise StateError(
             f"contacts: '{one.name}' and others change their modes {MOST_AT_ONCE} times at t = {one.t:.9g} s; expected"

@@ -33,6 +33,7 @@ from holdfast.dynamics.contact.rows import contact_rows
 from holdfast.dynamics.contact.solve_contacts import solve_contacts
 from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.dynamics.contact.touch import impulse_response
+from holdfast.dynamics.contact.touching_chain import CLOSED
 from holdfast.dynamics.projection import Change, displaced_by, largest_gaps, quickened
 from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model.closed_chain import ClosedChain
@@ -44,7 +45,6 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 PASSES = 2  # the second has the mean velocity of the step, which makes forces that depend on it second-order
-NEAR = 1e-9  # m: a gap that is closed
 OPEN_BY = 1e-13  # m: a deeper penetration is pushed out
 
 
@@ -149,7 +149,7 @@ def impulses(
     u0, u1 = rows.velocity(middle.object_twist), rows.velocity(free.object_twist) + 0.5 * h * rows.drift
     own = 2.0 * h * float(np.linalg.norm(chain.gravity))
     reach = np.linalg.norm(u0, axis=1) + np.linalg.norm(u1, axis=1) + own
-    k, near = len(gap), np.flatnonzero(gap <= NEAR + h * reach)
+    k, near = len(gap), np.flatnonzero(gap <= CLOSED + h * reach)
     impulse, mode = np.zeros((k, 3)), np.zeros(k, int)
     none = Change(0.0 * free.qd, np.zeros(6), None if free.base_twist is None else np.zeros(6))
     if not len(near):
@@ -171,7 +171,7 @@ def impulses(
     extra = more[:, None] * impulse
     rebound = impulse_response(motion, middle, rows.wrench(extra))[0] if more.any() else none
     whole = impulse + extra
-    landed = bool((lands & (gap > NEAR)).any())
+    landed = bool((lands & (gap > CLOSED)).any())
     return Impulses(whole / h, mode, landed, change, rebound, rows.wrench(whole))
 
 
