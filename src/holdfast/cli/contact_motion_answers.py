@@ -11,10 +11,11 @@ from rich.console import Console
 
 from holdfast.errors import HoldfastError
 from holdfast.io.contact_motion import ContactMotion, error_of
-from holdfast.simulation.contact_events import EVENTS
+from holdfast.simulation.contact_events import EVENTS_WAY, IMPULSES_WAY
 from holdfast.simulation.simulate import simulate
 
-ALL_METHODS = "sequential"  # the default of `holdfast solve`
+DEFAULT = "sequential"  # the default of `holdfast solve`
+STEP = 1e-3  # s, of steps with impulses
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,18 +67,19 @@ class ContactMotionAnswer:
 
 
 def contact_motion_answers(case: ContactMotion, methods: Sequence[str]) -> list[ContactMotionAnswer]:
-    """Return the answer by events; other methods do not apply."""
-    if ALL_METHODS not in methods:
-        reason = f"not_applicable: a motion is answered by simulate(contacts={EVENTS!r}); try no --method, or all"
+    """Return the answer by events, and for all methods that by steps, too; other methods do not apply."""
+    if DEFAULT not in methods:
+        reason = f"not_applicable: a motion is answered by simulate(contacts={EVENTS_WAY!r}); try no --method, or all"
         return [ContactMotionAnswer(case, methods[0], reason)]
-    return [_answer(case, EVENTS)]
+    return [_answer(case, way, step) for way, step in ((EVENTS_WAY, case.step), (IMPULSES_WAY, STEP))[: len(methods)]]
 
 
-def _answer(case: ContactMotion, way: str) -> ContactMotionAnswer:
+def _answer(case: ContactMotion, way: str, step: float) -> ContactMotionAnswer:
     chain = case.chain()
     none = np.zeros(chain.joint_count)
     try:
-        run = simulate(chain, case.state(), lambda t, state, memory: (none, memory), case.duration, case.step)
+        law = lambda t, state, memory: (none, memory)  # noqa: E731
+        run = simulate(chain, case.state(), law, case.duration, step, contacts=way)
         if run.stopped is not None:
             return ContactMotionAnswer(case, way, f"stopped: {run.stopped}")
         return ContactMotionAnswer(case, way, None, case.found(run))

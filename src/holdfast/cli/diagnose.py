@@ -20,6 +20,7 @@ from holdfast.dynamics.diagnose import diagnose as diagnosis_of
 from holdfast.dynamics.tree.forest_diagnosis import ForestDiagnosis
 from holdfast.errors import SceneError, StateError
 from holdfast.io.case_file import AnyCase
+from holdfast.io.contact_motion import ContactMotion
 from holdfast.io.forest_case import ForestCase
 
 BEGINS_JSON = re.compile(rb"\s*(\{|\[\s*[{\]])")  # TOML never begins like this, because a table's name follows `[`
@@ -77,6 +78,8 @@ def _diagnosis(case: AnyCase) -> Diagnosis | str:
     """Return the diagnosis, or why there is none: the state is inconsistent with the chain, or a forest is asked."""
     if isinstance(case, ForestCase):
         return "not_applicable: a forest answers forward dynamics only; try holdfast solve"
+    if isinstance(case, ContactMotion):
+        return "not_applicable: a motion with contacts is answered by holdfast solve"
     with np.errstate(all="ignore"):
         try:
             motion = chain_motion(

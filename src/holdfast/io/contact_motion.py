@@ -28,11 +28,11 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-BEYOND = 1.05  # a run goes on for so much longer than the motion is asked for
+LONGER = 1.05  # a run goes on for so much longer than the motion is asked for
 THIN = 1e-3  # inertia of a rod about itself, of that across it; it never turns about itself
 
 
-class ContactMotion(msgspec.Struct, tag_field="motion", forbid_unknown_fields=True, frozen=True, kw_only=True):
+class ContactMotion(msgspec.Struct, tag_field="motion", forbid_unknown_fields=True, kw_only=True):
     """A motion: parameters, and by name what is asked.
 
     Attributes:
@@ -83,6 +83,12 @@ class ContactMotion(msgspec.Struct, tag_field="motion", forbid_unknown_fields=Tr
             self.state()
             checks.number(self.duration, "duration", above=0.0)
 
+    @property
+    def _time(self) -> float | None:
+        """The time at which answers are asked; None without one [s]."""
+        given = self.expected.get("time")
+        return given if isinstance(given, float) else None
+
     def free(self, body: HeldObject, touching: Touching) -> ClosedChain:
         """Return the chain of a free object."""
         return ClosedChain({}, body, {}, gravity=[0.0, 0.0, -self.gravity], touching=touching)
@@ -120,7 +126,7 @@ class BlockOnSlope(ContactMotion, tag="block_on_slope"):
     def duration(self) -> float:
         """Until it stands [s]."""
         braking = self.gravity * (self.mu * math.cos(self.slope) - math.sin(self.slope))
-        return BEYOND * self.speed / braking
+        return LONGER * self.speed / braking
 
     def found(self, run: Trajectory) -> dict[str, Any]:
         """Return when and where it stops, and the force on the slope along and across it."""
@@ -155,7 +161,7 @@ class BallSlidesThenRolls(ContactMotion, tag="ball_slides_then_rolls"):
     @property
     def duration(self) -> float:
         """Until `time`, or until it rolls [s]."""
-        return self.expected.get("time", BEYOND * 2.0 / 7.0 * self.speed / (self.mu * self.gravity))
+        return self._time or (LONGER * 2.0 / 7.0 * self.speed / (self.mu * self.gravity))
 
     def found(self, run: Trajectory) -> dict[str, Any]:
         """Return when it rolls, how fast, and how far it comes."""
@@ -194,16 +200,17 @@ class BouncingBall(ContactMotion, tag="bouncing_ball"):
     def duration(self) -> float:
         """Until it rests [s]."""
         e = self.restitution
-        return BEYOND * math.sqrt(2.0 * self.height / self.gravity) * (1.0 + e) / (1.0 - e)
+        return LONGER * math.sqrt(2.0 * self.height / self.gravity) * (1.0 + e) / (1.0 - e)
 
     def found(self, run: Trajectory) -> dict[str, Any]:
         """Return the first touches, the heights after them, and when it rests."""
         touches = [one.t for one in run.occurrences if one.kind == "touch"][
-            : len(self.expected.get("touches", [])) or 4
+            : len(np.atleast_1d(np.array(self.expected.get("touches", [0.0] * 4))))
         ]
         heights = [_extreme(run, lambda s: s.object_twist[5], t).object_pose[6] - self.radius for t in touches]
         rest = next((one for one in run.occurrences if one.kind == "rest"), None)
-        ends = math.nan if rest is None or rest.rebounds_until is None else rest.rebounds_until
+        last = [one.t for one in run.occurrences if one.kind == "touch"][-1]  # by steps
+        ends = last if rest is None or rest.rebounds_until is None else rest.rebounds_until
         return {"touches": touches, "height_after_each": heights, "comes_to_rest_at": ends}
 
 
@@ -236,8 +243,8 @@ class Ladder(ContactMotion, tag="ladder"):
     @property
     def duration(self) -> float:
         """Until shortly after it leaves the wall, at two thirds of its first height [s]."""
-        if "leaves_after" in self.expected:
-            return BEYOND * float(self.expected["leaves_after"])
+        if isinstance(left := self.expected.get("leaves_after"), float):
+            return LONGER * left
         return 2.0 * math.sqrt(self.half_length / self.gravity)
 
     def found(self, run: Trajectory) -> dict[str, Any]:
@@ -282,13 +289,14 @@ class BoxTips(ContactMotion, tag="box_tips"):
     @property
     def duration(self) -> float:
         """Until `time` [s]."""
-        return self.expected.get("time", 1.0 / self.rate)
+        return self._time or 1.0 / self.rate
 
     def found(self, run: Trajectory) -> dict[str, Any]:
         """Return the angle and the rate at the end, and the time at which the expected angle is passed."""
         R = rotation.from_quaternion(run.object_pose[-1, :4])
         angle, rate = math.atan2(R[0, 2], R[2, 2]), run.object_twist[-1, 1]
-        passed = run.t[-1] + (self.expected.get("angle", angle) - angle) / rate
+        wanted = self.expected.get("angle", angle)
+        passed = run.t[-1] + (wanted - angle) / rate if isinstance(wanted, float) else math.nan
         return {"angle": angle, "time": passed, "rate": rate, "energy_lost": -run.impact[-1]}
 
 
@@ -331,8 +339,8 @@ class ArmStrikesWall(ContactMotion, tag="arm_strikes_wall"):
     @property
     def duration(self) -> float:
         """Until shortly after the second touch [s]."""
-        if "second_touch" in self.expected:
-            return BEYOND * float(self.expected["second_touch"])
+        if isinstance(last := self.expected.get("second_touch"), float):
+            return LONGER * last
         return 6.0 * math.sqrt(self.link_length / self.gravity)
 
     def found(self, run: Trajectory) -> dict[str, Any]:

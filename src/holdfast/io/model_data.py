@@ -35,10 +35,10 @@ from holdfast.spatial.pose import Pose
 
 def _name_of(kind: type) -> str:
     """Return the name of a class in files: that of a shape of the world says so, as pictures have boxes, too."""
-    return f"world.{kind.__name__}" if kind.__module__.startswith(WORLD) else kind.__name__
+    return f"world.{kind.__name__}" if kind.__module__.startswith(WORLD_MODULES) else kind.__name__
 
 
-WORLD = "holdfast.model.world."
+WORLD_MODULES = "holdfast.model.world."
 MODEL_CLASSES = {
     _name_of(kind): kind
     for kind in (

@@ -17,18 +17,18 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Origin
-from holdfast.simulation.contact_signals import CONE, FORCE, GAP, QUANTITIES, ContactSignals
+from holdfast.simulation.contact_signals import CONE, FORCE, OPENING, QUANTITIES, ContactSignals
 from holdfast.simulation.events import Occurrence, OccurrenceKind
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.segment import Segment
 from holdfast.spatial.scalar import Array
 
-EVENTS, STEPS = "events", "steps"
-WAYS = (EVENTS, STEPS)
+EVENTS_WAY, IMPULSES_WAY = "events", "steps"
+WAYS = (EVENTS_WAY, IMPULSES_WAY)
 VERBS = {"touch": "touches", "lift": "lifts", "stick": "sticks", "slip": "slips"}
-MOST_AT_ONCE = 100  # entries of the log within `AT_ONCE`
-AT_ONCE = 1e-9  # s
+MOST_AT_ONCE = 100  # entries of the log within `SAME_INSTANT`
+SAME_INSTANT = 1e-9  # s
 
 
 def require_contacts(
@@ -78,7 +78,7 @@ def reached(at: Instant, signals: ContactSignals, margins: Array) -> Reached:
     for j in np.flatnonzero(of_contacts[:, CONE]).tolist():
         t = touch.force[j, :2] @ touch.rows.axes[j, :2]
         slipping[j] = -t / np.linalg.norm(t)
-    touched, lifted = (np.flatnonzero(of_contacts[:, i]).tolist() for i in (GAP, FORCE))
+    touched, lifted = (np.flatnonzero(of_contacts[:, i]).tolist() for i in (OPENING, FORCE))
     return Reached(touched, lifted, slipping)
 
 
@@ -159,6 +159,7 @@ def _log(t: float, names: Sequence[str], before: ContactModes | None, found: Dec
 def changes(before: Instant, after: Instant, names: Sequence[str]) -> list[Occurrence]:
     """Return the entries for contacts whose modes differ between the ends of a step with impulses."""
     assert before.touch is not None and after.touch is not None
+    h, pushes = after.t - before.t, after.touch.rows.in_world(after.touch.force)
     news = []
     for j, (old, now) in enumerate(zip(before.touch.modes.mode, after.touch.modes.mode, strict=True)):
         if old == now:
@@ -166,7 +167,9 @@ def changes(before: Instant, after: Instant, names: Sequence[str]) -> list[Occur
         kind: OccurrenceKind = "touch" if old == ContactMode.OPEN else "lift"
         if ContactMode.OPEN not in (old, now):
             kind = "stick" if now == ContactMode.STICKS else "slip"
-        news.append(Occurrence(after.t, kind, names[j], f"'{names[j]}' {VERBS[kind]} in the step that ends here"))
+        impulse = tuple((h * pushes[j]).tolist()) if kind == "touch" else ()
+        text = f"'{names[j]}' {VERBS[kind]} in the step that ends here"
+        news.append(Occurrence(after.t, kind, names[j], text, impulse=impulse))
     return news
 
 
@@ -176,9 +179,9 @@ def require_progress(occurrences: Sequence[Occurrence]) -> None:
     Raises:
         StateError: naming the contact that changed last.
     """
-    if len(occurrences) > MOST_AT_ONCE and occurrences[-1].t - occurrences[-MOST_AT_ONCE].t < AT_ONCE:
+    if len(occurrences) > MOST_AT_ONCE and occurrences[-1].t - occurrences[-MOST_AT_ONCE].t < SAME_INSTANT:
         one = occurrences[-1]
         raise StateError(
-            f"contacts: '{one.name}' and others change their modes {MOST_AT_ONCE} times at t = {one.t:.9g} s; expected a"
-            " motion in which every mode lasts; try other points or shapes, or contacts='steps'"
+            f"contacts: '{one.name}' and others change their modes {MOST_AT_ONCE} times at t = {one.t:.9g} s; expected"
+            " a motion in which every mode lasts; try other points or shapes, or contacts='steps'"
         )

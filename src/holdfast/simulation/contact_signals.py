@@ -22,9 +22,9 @@ from holdfast.simulation.margins import Quantity, Signals
 from holdfast.spatial.frozen import REQUIRED
 from holdfast.spatial.scalar import Array
 
-GAP, FORCE, CONE, SLIP = range(4)
+OPENING, FORCE, CONE, SLIP = range(4)
 QUANTITIES: tuple[Quantity, ...] = ("gap", "normal force", "friction", "slip")
-ROUNDING = 1e-14  # m
+GAP_ROUNDING = 1e-14  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class ContactSignals(Signals):
         mode, force = touch.modes.mode, touch.force
         found = np.full((len(mode), 4), np.inf)
         is_open, sticks = mode == ContactMode.OPEN, mode == ContactMode.STICKS
-        found[is_open, GAP] = (touch.rows.gap - self.least_gap + ROUNDING)[is_open]
+        found[is_open, OPENING] = (touch.rows.gap - self.least_gap + GAP_ROUNDING)[is_open]
         found[~is_open, FORCE] = force[~is_open, 2]
         left = touch.rows.friction * force[:, 2] - np.hypot(force[:, 0], force[:, 1])
         found[sticks, CONE] = left[sticks]

@@ -21,7 +21,7 @@ from holdfast.spatial.frozen import NOT_GIVEN
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-WRENCH = "touch_wrench"  # its name among the arrays of an instant
+TOUCH_WRENCH = "touch_wrench"  # its name among the arrays of an instant
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class ContactStepper(ReferenceStepper):
 
             def inputs(at: float, state: State, k: int = k) -> Inputs:
                 own = inputs_at(self.environment.inputs, self.environment.of_state, at, state)
-                return with_wrench(own, arrays[WRENCH][k])
+                return with_wrench(own, arrays[TOUCH_WRENCH][k])
 
             found.append(accounts_of(replace(self.environment, inputs=inputs), t[k : k + 1], _row(arrays, k)))
         return {name: np.concatenate([one[name] for one in found]) for name in found[0]}

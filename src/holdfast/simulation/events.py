@@ -34,8 +34,8 @@ class Occurrence:
             implicit because explicit steps could not follow the damping or springs; "unresolved", at the run's end,
             when a step of fixed length was too long for some part of the motion. Of contacts with the world: "touch",
             "lift", "slip" and "stick"; "jam", an impulse without a collision; "rest", when rebounds end.
-        name: the arm, 'arm/joint', or 'point/shape' of a contact with the world; "grasps" for a singular configuration, "joints" for stiff ones and
-            for steps that were too long.
+        name: the arm, 'arm/joint', or 'point/shape' of a contact with the world; "grasps" for a singular configuration,
+            "joints" for stiff ones and for steps that were too long.
         text: description of the occurrence.
         quantity: limited quantity of a violation or recovery: "grasp", "position", "rate" or "effort".
         lowest: for a recovery, the lowest margin since the violation [N; rad or m; rad/s or m/s; N m or N].
@@ -45,11 +45,11 @@ class Occurrence:
         base_impulses: for an attach, (arms, 6) impulse of the base on each arm about the base origin, world axes.
         trunk_base_impulse: for an attach, (6,) impulse of the base on a trunk about the base origin; empty without a
             trunk.
-        energy_change: for an attach, a touch or a jam, the change of the kinetic energy; that of all contacts that touch
-            at once stands at the first of them [J].
+        energy_change: for an attach, a touch or a jam, the change of the kinetic energy; that of all contacts that
+            touch at once stands at the first of them [J].
         impulse: for a touch or a jam, (3,) impulse of the world on the object, world axes; empty without one [N s].
-        rebounds_until: for a rest, the time at which ever smaller rebounds would have ended under the acceleration there;
-            they are not followed below 1 mm/s [s].
+        rebounds_until: for a rest, the time at which ever smaller rebounds would have ended under the acceleration
+            there; they are not followed below 1 mm/s [s].
         rank: for a singular configuration, the rank of the grasp constraint there.
         generic_rank: for a singular configuration, the rank of the constraint before and after.
         lost: for a singular configuration, in words, the loads that it cannot resist and the directions that arms lose.

@@ -4,11 +4,12 @@
     0 <= u_n + h/2 drift_n + gap / h  _|_  lambda_n >= 0,   Coulomb's law with u_t + h/2 drift_t       (at x_m)
     x+ = x + h/2 (v + v+),   at a touch x + h v+;   then grasps and closed gaps are closed
 
-v_m = (v + v+) / 2 is that of a first pass with v_m = v. The rows are those at x_m, the gap is that at x; h/2 drift takes the rows to the end of the step, which makes steps
-without a touch second-order. Candidates are the contacts within reach of the step, whatever their gap would be without
-contact forces: one contact may push the object onto another. A contact that lands faster than twice the speed that
-gravity gives in a step rebounds with e times its speed at the step's start, so that no energy is made of the time
-between touch and end: lambda_n u_n <= 0 and lambda_t u_t <= 0 in every step. The order of the run is one across a touch.
+v_m = (v + v+) / 2 is that of a first pass with v_m = v. The rows are those at x_m, the gap is that at x; h/2 drift
+takes the rows to the end of the step, which makes steps without a touch second-order. Candidates are the contacts
+within reach of the step, whatever their gap would be without contact forces: one contact may push the object onto
+another. A contact that lands faster than twice the speed that gravity gives in a step rebounds with e times its speed
+at the step's start, so that no energy is made of the time between touch and end: lambda_n u_n <= 0 and lambda_t u_t
+<= 0 in every step. The order of the run is one across a touch.
 
 Reference: J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, 1988; M. Jean, The non-smooth
 contact dynamics method, 1999.
@@ -32,6 +33,7 @@ from holdfast.dynamics.contact.rows import contact_rows
 from holdfast.dynamics.contact.solve_contacts import solve_contacts
 from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.dynamics.contact.touch import impulse_response
+from holdfast.dynamics.contact.touching_chain import CLOSED
 from holdfast.dynamics.projection import Change, displaced_by, largest_gaps, quickened
 from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model.closed_chain import ClosedChain
@@ -43,7 +45,6 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 PASSES = 2  # the second has the mean velocity of the step, which makes forces that depend on it second-order
-NEAR = 1e-9  # m: a gap that is closed
 OPEN_BY = 1e-13  # m: a deeper penetration is pushed out
 
 
@@ -148,7 +149,7 @@ def impulses(
     u0, u1 = rows.velocity(middle.object_twist), rows.velocity(free.object_twist) + 0.5 * h * rows.drift
     own = 2.0 * h * float(np.linalg.norm(chain.gravity))
     reach = np.linalg.norm(u0, axis=1) + np.linalg.norm(u1, axis=1) + own
-    k, near = len(gap), np.flatnonzero(gap <= NEAR + h * reach)
+    k, near = len(gap), np.flatnonzero(gap <= CLOSED + h * reach)
     impulse, mode = np.zeros((k, 3)), np.zeros(k, int)
     none = Change(0.0 * free.qd, np.zeros(6), None if free.base_twist is None else np.zeros(6))
     if not len(near):
@@ -170,7 +171,7 @@ def impulses(
     extra = more[:, None] * impulse
     rebound = impulse_response(motion, middle, rows.wrench(extra))[0] if more.any() else none
     whole = impulse + extra
-    landed = bool((lands & (gap > NEAR)).any())
+    landed = bool((lands & (gap > CLOSED)).any())
     return Impulses(whole / h, mode, landed, change, rebound, rows.wrench(whole))
 
 

@@ -14,7 +14,7 @@ from holdfast.forces.margins import conditions
 from holdfast.questions.arrays import ARRAYS, FLOATING, STATE, state_of
 from holdfast.simulation.accounts import account_shapes
 from holdfast.simulation.balance import Sums
-from holdfast.simulation.contact_stepper import WRENCH
+from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
@@ -63,7 +63,7 @@ def arrays_of(at: Instant) -> dict[str, Array]:
     if at.touch is not None:
         rows, force = at.touch.rows, at.touch.force
         arrays |= {"touch_force": rows.in_world(force), "touch_gap": rows.gap, "touch_mode": at.touch.modes.mode}
-        arrays |= {WRENCH: rows.wrench(force)}
+        arrays |= {TOUCH_WRENCH: rows.wrench(force)}
     return {name: x[None] for name, x in arrays.items() if x is not None}
 
 

@@ -33,7 +33,7 @@ from holdfast.model.serial_chain import answered_as_forest, require_unused, seri
 from holdfast.progress import of_time, reporting
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
-from holdfast.simulation.contact_events import EVENTS, STEPS, require_contacts
+from holdfast.simulation.contact_events import EVENTS_WAY, IMPULSES_WAY, require_contacts
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
@@ -182,13 +182,9 @@ def simulate(
     require_controller(controller)
     checks.name(name, "simulation: name")
     named = scheme_named(scheme)
-    given = {
-        "start": start,
-        "on_checkpoint": on_checkpoint,
-        "make_stepper": make_stepper,
-        "largest_drift": largest_drift,
-    }
-    require_contacts(chain, contacts, named, on_singular, [what for what, x in given.items() if x is not None])
+    unsupported = {"start": start, "on_checkpoint": on_checkpoint, "make_stepper": make_stepper}
+    unsupported |= {"largest_drift": largest_drift}
+    require_contacts(chain, contacts, named, on_singular, [what for what, x in unsupported.items() if x is not None])
     grid = step_times(duration, step)
     state.fits(chain)
     ordered = in_order(events, chain, float(grid[-1]))
@@ -217,13 +213,13 @@ def simulate(
     if forest:
         require_openable(chain, policy)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
-    settings = replace(settings, by_impulses=contacts == STEPS)
+    settings = replace(settings, by_impulses=contacts == IMPULSES_WAY)
 
     verified = EVALUATIONS if joint_limits(chain).limited.any() else 1
     calls = 0 if forest or chain.touching is not None else len(ends.times) * (1 if hold else len(named.c) * verified)
     options = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
-    options |= {} if chain.touching is None else {"contacts": contacts or EVENTS}
+    options |= {} if chain.touching is None else {"contacts": contacts or EVENTS_WAY}
     options |= {"atol": atol, "largest_drift": limit, "controller": called}
     options |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}
     options |= wanted.options | ({} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay})

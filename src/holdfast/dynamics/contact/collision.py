@@ -60,7 +60,12 @@ _ORDER = list(ContactStatus)
 
 
 def impact(
-    mobility: ArrayLike, rows: ArrayLike, velocity: ArrayLike, friction: ArrayLike, restitution: ArrayLike
+    mobility: ArrayLike,
+    rows: ArrayLike,
+    velocity: ArrayLike,
+    friction: ArrayLike,
+    restitution: ArrayLike,
+    size: float = 0.0,
 ) -> Collision:
     """Return the impulses of contacts that approach, and the velocities after them.
 
@@ -70,6 +75,7 @@ def impact(
         velocity: (k, 3) relative velocities just before.
         friction: (k,) mu >= 0.
         restitution: (k,) e in [0, 1].
+        size: a larger velocity of which these are differences, whose rounding is no approach.
 
     Raises:
         StateError: a shape is wrong, a number is not finite, or e is not in [0, 1].
@@ -85,7 +91,7 @@ def impact(
         raise StateError(f"restitution: expected numbers from 0 to 1, got {e[np.argmax(np.abs(e - 0.5))]:g}")
     now, total, mode, gained = before, np.zeros((k, 3)), np.zeros(k, int), 0.0
     status, residual, rounds = ContactStatus.OK, 0.0, 0
-    limit = APPROACH * np.abs(before).max(initial=0.0)
+    limit = APPROACH * np.abs(before).max(initial=size)
     while rounds < MOST_COLLISIONS and now[:, 2].min(initial=0.0) < -limit:
         rounds += 1
         found = solve_contacts(P, C, now, friction)

@@ -25,6 +25,7 @@ from holdfast.dynamics.contact.rows import contact_rows
 from holdfast.dynamics.contact.solve_contacts import solve_contacts
 from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactSolution, ContactStatus
 from holdfast.dynamics.contact.touch import impulse_response
+from holdfast.dynamics.contact.touching_chain import CLOSED
 from holdfast.dynamics.projection import quickened
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
@@ -33,9 +34,8 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
 
-NEAR = 1e-9  # m: contacts this close are closed
-APPROACHES = 1e-9  # m/s: a slower approach is rounding
-AT_REST = 1e-6  # m/s: a slower slip has stopped
+APPROACH_SPEED = 1e-9  # m/s: a slower approach is rounding
+STOPPED_SPEED = 1e-6  # m/s: a slower slip has stopped
 REST_SPEED = 1e-3  # m/s: contacts that approach more slowly do not rebound
 JAMS = 3  # impulses without collision at one instant, at most
 
@@ -102,23 +102,24 @@ def decided(
     assert chain.touching is not None
     rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
     k = len(rows.gap)
-    near = rows.gap <= NEAR
+    near = rows.gap <= CLOSED
     reached = Reached([], [], {}) if reached is None else reached
     near[reached.touched] = True
     closed = np.flatnonzero(near)
     base = np.zeros(6)
     total, slow, change, jammed, jams = np.zeros((k, 3)), np.zeros(k), 0.0, False, False
+    mode, slip, solution = np.zeros(k, int), np.zeros((k, 3)), None
     for _ in range(1 + JAMS):
         rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
         motion = holding(chain_at_rest(chain, state), held)
         P, u = rest_response(motion).mobility, rows.velocity(state.object_twist)
-        if len(closed) and (u[closed, 2].min() < -APPROACHES or jammed):
+        if len(closed) and (u[closed, 2].min() < -APPROACH_SPEED or jammed):
             rebounds = u[:, 2] < -REST_SPEED
             e = np.where(rebounds[closed], rows.restitution[closed], 0.0)
             before = u[closed]
             if jammed:  # the least approach: it is answered by an impulse that does not vanish with it
                 jams = True
-                before = before - [0.0, 0.0, APPROACHES * max(1.0, float(np.abs(u).max()))]
+                before = before - [0.0, 0.0, APPROACH_SPEED * max(1.0, float(np.abs(u).max()))]
             found = impact(P, rows.C[closed], before, rows.friction[closed], e)
             require_resolved(found, "impulses")
             left_out = (found.impulse[:, 2] > 0.0) & ~rebounds[closed] & (rows.restitution[closed] > 0.0)
@@ -129,13 +130,13 @@ def decided(
             base += _base_impulse(motion, solution)
             state = quickened(state, jump)
             u = rows.velocity(state.object_twist)
-        stays = closed[np.abs(u[closed, 2]) < 10.0 * APPROACHES]
+        stays = closed[np.abs(u[closed, 2]) < 10.0 * APPROACH_SPEED]
         state, mode, slip, solution = _accelerated(chain, state, accelerate, held, stays, P, reached)
         jammed = solution.status in (ContactStatus.JAMMED, ContactStatus.UNRESOLVED)
         if not jammed:
             break
-    else:
-        require_resolved(solution, "forces")
+    assert solution is not None
+    require_resolved(solution, "forces")
     still = rows.restitution < 1.0
     pull = -(rows.C @ accelerate(state) + rows.drift)[:, 2] if slow.any() else np.ones(k)
     e = np.where(still, rows.restitution, 0.0)
@@ -166,14 +167,14 @@ def _accelerated(
     mode, slip = np.zeros(k, int), np.zeros((k, 3))
     sizes = np.hypot(u[:, 0], u[:, 1])
     for j in stays:
-        slides = sizes[j] > AT_REST or rows.friction[j] == 0.0
+        slides = sizes[j] > STOPPED_SPEED or rows.friction[j] == 0.0
         mode[j] = ContactMode.SLIPS if slides else ContactMode.STICKS
     state = on_contacts(chain, state, ContactModes(mode, slip), held)
     rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
     u = rows.velocity(state.object_twist)
-    direction = np.where((sizes > AT_REST)[:, None], u[:, :2] / np.maximum(sizes, AT_REST)[:, None], 0.0)
+    direction = np.where((sizes > STOPPED_SPEED)[:, None], u[:, :2] / np.maximum(sizes, STOPPED_SPEED)[:, None], 0.0)
     direction /= np.maximum(np.hypot(*direction.T), 1e-300)[:, None]
-    direction[sizes <= AT_REST] = 0.0
+    direction[sizes <= STOPPED_SPEED] = 0.0
     direction[rows.friction == 0.0] = 0.0
     b = rows.C @ accelerate(state) + rows.drift
     found = solve_contacts(P, rows.C[stays], b[stays], rows.friction[stays], slide=direction[stays])
@@ -204,6 +205,6 @@ def require_resolved(found: Collision | ContactSolution, what: str) -> None:
     """
     if found.status in (ContactStatus.JAMMED, ContactStatus.UNRESOLVED):
         raise StateError(
-            f"contacts: {found.status.value} ({what}, residual {found.residual:.1e}); try fewer contacts at once, or less"
-            " friction"
+            f"contacts: {found.status.value} ({what}, residual {found.residual:.1e}); try fewer contacts at once, or"
+            " less friction"
         )

@@ -30,7 +30,7 @@ from holdfast.state import State
 
 SLOWEST_SLIP = 1e-7  # m/s: a slower slip has no direction of its own
 DEPENDENT = 1e-11  # singular values below this part of the largest are those of dependent rows
-CLOSED_GAP = 1e-15  # m
+SETTLED_GAP = 1e-15  # m
 ROUNDS = 3
 
 
@@ -143,7 +143,7 @@ def on_contacts(
         return state
     for _ in range(ROUNDS):
         rows = contact_rows(touching, state.object_frame, state.object_twist)
-        if not np.abs(rows.gap[closed]).max() > CLOSED_GAP:
+        if not np.abs(rows.gap[closed]).max() > SETTLED_GAP:
             break
         motion = holding(chain_at_rest(chain, state), held, positions=True)
         push = _removing(motion, rows.C[closed, 2], rows.gap[closed])

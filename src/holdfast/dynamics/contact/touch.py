@@ -98,6 +98,7 @@ def touch(chain: ClosedChain, state: State, *, inputs: Inputs | None = None) -> 
         rows.velocity(twist)[closed],
         rows.friction[closed],
         rows.restitution[closed],
+        float(np.abs(twist).max()),
     )
     _require_impulses(hit, chain, closed)
     impulses, modes = np.zeros((len(closed), 3)), np.zeros(len(closed), int)
