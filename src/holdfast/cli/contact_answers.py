@@ -148,6 +148,7 @@ def _forces(case: ContactCase, method: str) -> ContactAnswer:
     if case.kind == "rod":
         unique = force[0, 2] if status is ContactStatus.OK else None
         return ContactAnswer(case, method, status.name, _words(status), _of_rod(case, unique, status))
+    assert chain.touching is not None
     points = contact_rows(chain.touching, state.object_frame, state.object_twist).point
     wrench = sum(shift_wrench(l, np.concatenate([np.zeros(3), f])) for l, f in zip(points, force, strict=True))
     found = {
@@ -175,6 +176,7 @@ def _contacts(mode: Array, force: Array, status: ContactStatus, wrench: Array) -
 def _of_rod(case: ContactCase, normal_force: float | None, status: ContactStatus | None = None) -> dict[str, Any]:
     """Return p = n^T P (n - mu t), the free acceleration of the end along the normal, and the force."""
     chain, state = case.chain, case.state
+    assert chain.touching is not None
     rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
     (C,), (u,), (drift,), (mu,) = rows.C, rows.velocity(state.object_twist), rows.drift, rows.friction
     t = u[:2] / np.linalg.norm(u[:2])
