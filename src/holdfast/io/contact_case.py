@@ -29,7 +29,6 @@ LAYOUTS: dict[str, type[Any]] = {
     "rest": layout.ContactCaseData,
     "sliding": layout.ContactCaseData,
     "rod": layout.RodCaseData,
-    "trajectory": layout.MotionCaseData,
 }
 
 
@@ -39,9 +38,9 @@ class ContactCase:
 
     Attributes:
         name: its name.
-        kind: "impact", "rest", "sliding", "rod" or "trajectory".
-        chain: the chain with `touching`; None for a trajectory.
-        state: its state; None for a trajectory.
+        kind: "impact", "rest", "sliding" or "rod"; a motion is a `ContactMotion`.
+        chain: the chain with `touching`.
+        state: its state.
         tau: (n,) joint torques.
         inputs: base motion and external wrenches.
         expected: the answer, if the file contains one.
@@ -49,11 +48,11 @@ class ContactCase:
 
     name: str
     kind: str
-    chain: ClosedChain | None
-    state: State | None
+    chain: ClosedChain
+    state: State
     tau: Array
     inputs: Inputs
-    expected: layout.ContactExpected | layout.RodExpected | dict[str, Any] | None
+    expected: layout.ContactExpected | layout.RodExpected | None
 
 
 def is_contact_case(item: Any) -> bool:
@@ -77,8 +76,6 @@ def parse_contact_case(item: dict[str, Any], source: str, root: str, grasp_of: G
     if kind not in LAYOUTS:
         raise (at / "kind").refuse(f"expected {', '.join(LAYOUTS)}, got {checks.short(kind)}")
     data = typed.convert(item, LAYOUTS[kind], source, root)
-    if kind == "trajectory":
-        return ContactCase(data.name, kind, None, None, np.zeros(0), Inputs(), data.expected)
     return _rod(data, at) if kind == "rod" else _instant(data, at, grasp_of)
 
 

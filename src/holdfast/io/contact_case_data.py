@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-import msgspec
-
 from holdfast.io.case_data import CaseArm, CaseObject, CaseStruct, CaseTrunk, CaseVector3, Vector6
 
 
@@ -79,14 +77,3 @@ class RodCaseData(CaseStruct):
     expected: RodExpected | None = None
     tags: Any = None
     see: Any = None
-
-
-class MotionCaseData(msgspec.Struct, kw_only=True):
-    """A motion with contacts; what it is made of depends on `motion`."""
-
-    name: str
-    kind: Literal["trajectory"]
-    motion: str
-    gravity: float
-    what: str = ""
-    expected: dict[str, Any] | None = None

@@ -145,8 +145,8 @@ def _log(t: float, names: Sequence[str], before: ContactModes | None, found: Dec
             size = float(np.linalg.norm(impulse))
             text += f", impulse {size:.4g} N s; all impulses change the kinetic energy by {found.energy_change:.3g} J"
             text += "" if now == ContactMode.OPEN else f"; then it {ContactMode(now).name.lower()}"
-        given = {"impulse": tuple(impulse.tolist())} if pushed else {}
-        news.append(Occurrence(t, kind, name, f"'{name}' {text}{noted}", **given))
+        exerted: tuple[float, ...] = tuple(impulse.tolist()) if pushed else ()
+        news.append(Occurrence(t, kind, name, f"'{name}' {text}{noted}", impulse=exerted))
         if left := float(found.rebounding[j]):
             text = f"'{name}' comes to rest: its rebounds, too slow to follow, would end after another {left:.3g} s"
             news.append(Occurrence(t, "rest", name, text, rebounds_until=t + left))

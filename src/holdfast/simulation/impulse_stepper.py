@@ -109,7 +109,8 @@ class ImpulseStepper(ContactStepper):
         closed = ContactModes(np.where(found.force[:, 2] > 0.0, ContactMode.CLOSED, ContactMode.OPEN), np.zeros((0, 3)))
         later = pushed_out(at.chain, on_contacts(at.chain, later, closed, held, velocities=False), held)
         if at.chain.grasps:
-            later, _ = self._on_grasps(end, later, held)
+            later, _ = self._on_grasps(end, later, held)  # what was pushed far, as by a landing, has opened them
+            later = pushed_out(at.chain, on_contacts(at.chain, later, closed, held, velocities=False), held)
             after = largest_gaps(at.chain, later, at.inputs.shaped(at.chain))
             both = (gaps.position[0], after.position), (gaps.velocity[0], after.velocity)
             gaps = Gaps(*(np.array(pair) for pair in both))
