@@ -16,16 +16,15 @@ import numpy as np
 from holdfast.calibration.geometry import OpenGaps, adjusted
 from holdfast.calibration.problem import RELATIVE_ROUNDING, FitPoint, Problem, Whitened, evaluated, whitened
 from holdfast.errors import StateError
-from holdfast.identification.estimate import autocorrelation_of
+from holdfast.identification.estimate import autocorrelation_of, huber_weights
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
 MOST_GAUSS_NEWTON, MOST_SHORTENINGS, MOST_WEIGHINGS, MOST_NULLS = 50, 12, 15, 4
-WIDE = 100.0  # sizes, the standard deviation of a free fit's unknowns: 1 rad, 1 m
+FREE_SPREAD = 100.0  # sizes, the standard deviation of a free fit's unknowns: 1 rad, 1 m
 LEAST_DECREASE = 1e-7  # decrease of the sum of squares, in variances, that ends the iteration
 LEAST_DEVIATION = 1e-9  # [rad or m] of estimated noise
 LEAST_SHOWN = 0.1  # share of a channel's rows that must be left to show its noise
-HUBER = 1.345  # standard deviations above which a posture counts less, with robust=True
 SAME_SPACE = 1e-2  # sine of the angle between subspaces that count as one
 CALM = 0.02  # relative change of variances and weights that ends the rounds
 FEWEST_IN_ORDER = 16  # postures in which neighbours may be found to depend on each other
@@ -79,7 +78,7 @@ def fit(problem: Problem) -> Fit:
         StateError: the gaps overflow, or too few rows are left to show the noise.
     """
     p = len(problem.sizes)
-    prior, wide = np.diag(problem.known), problem.known + (1.0 - problem.known) / WIDE**2
+    prior, wide = np.diag(problem.known), problem.known + (1.0 - problem.known) / FREE_SPREAD**2
     weights, variances = np.ones(len(problem.q)), problem.first_variances()
     at, nothing, widening, calm = problem.start(np.zeros(p)), np.zeros((p, 0)), 1.0, False
     free = solved(problem, at, variances, weights, nothing, wide)
@@ -214,7 +213,7 @@ def _variances(problem: Problem, white: Whitened, variances: Array, prior: Array
 
 
 def _huber(problem: Problem, white: Whitened, weights: Array) -> Array:
-    """Return weights of the postures: 1 up to `HUBER` standard deviations, and the inverse of the residual beyond."""
+    """Return weights of the postures: those of Huber, with robust=True."""
     freedoms = np.maximum(problem.active_rows.sum(axis=1) - (white.U**2).sum(axis=(1, 2)), 1.0)
     size = np.sqrt((white.left**2).sum(axis=1) / (np.maximum(weights, 1e-300) * freedoms))
-    return np.minimum(1.0, HUBER / np.maximum(size, 1e-300))
+    return huber_weights(size)

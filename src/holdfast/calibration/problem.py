@@ -25,7 +25,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
-FIRST_NOISE = 1e-3  # [rad or m] before it is estimated
+UNKNOWN_NOISE = 1e-3  # [rad or m] before it is estimated
 RELATIVE_ROUNDING = 1e-11  # singular values below this, relative to the largest one, are rounding
 
 
@@ -95,7 +95,7 @@ class Problem(Frozen):
         """Return the variances of the channels that are given, or those with which to begin."""
         names, _ = self.channels
         if self.noise is None:
-            return np.full(len(names), FIRST_NOISE**2)
+            return np.full(len(names), UNKNOWN_NOISE**2)
         return np.array([(self.noise.turn if name.endswith("turn") else self.noise.shift) ** 2 for name in names])
 
     def start(self, x: Array) -> FitPoint:

@@ -31,6 +31,7 @@ from holdfast.identification.motion_noise import JointNoise
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
+HUBER = 1.345  # 95 % efficient for normal noise
 LEAST_LEFT = 0.05  # lower bound of 1 - h, which is near 0 if one sample alone determines a coefficient
 HIDDEN = 0.1  # share of the motion's noise in the residuals above which these do not show that of the measurements
 LEAST_RESIDUAL_NOISE = 1e-3  # least noise of whitened residuals that are exact, which averages do not reduce reliably
@@ -314,6 +315,14 @@ class Autocorrelation:
     of_neighbours: float
     widening: float
     significant: bool
+
+
+def huber_weights(deviations: Array) -> Array:
+    """Return weights of residuals in units of their standard deviations: 1 up to `HUBER`, and inverse to them beyond.
+
+    Reference: Huber, "Robust estimation of a location parameter", 1964.
+    """
+    return np.minimum(1.0, HUBER / np.maximum(deviations, 1e-300))
 
 
 def autocorrelation_of(e: Array, memory: int) -> Autocorrelation:

@@ -151,7 +151,7 @@ class BallSlidesThenRolls(ContactMotion, tag="ball_slides_then_rolls"):
 
     def chain(self) -> ClosedChain:
         """Return the ball on a floor."""
-        touching = Touching({"ball": Sphere(radius=self.radius)}, {"floor": HalfSpace(friction=self.mu)})
+        touching = Touching({"sphere": Sphere(radius=self.radius)}, {"floor": HalfSpace(friction=self.mu)})
         return self.free(HeldObject.sphere(self.mass, self.radius), touching)
 
     def state(self) -> State:
@@ -189,7 +189,7 @@ class BouncingBall(ContactMotion, tag="bouncing_ball"):
     def chain(self) -> ClosedChain:
         """Return the ball above a floor."""
         floor = HalfSpace(friction=self.mu, restitution=self.restitution)
-        touching = Touching({"ball": Sphere(radius=self.radius)}, {"floor": floor})
+        touching = Touching({"sphere": Sphere(radius=self.radius)}, {"floor": floor})
         return self.free(HeldObject.sphere(self.mass, self.radius), touching)
 
     def state(self) -> State:
@@ -328,7 +328,7 @@ class ArmStrikesWall(ContactMotion, tag="arm_strikes_wall"):
             HeldObject.sphere(self.ball_mass, self.ball_radius),
             {"arm": Grasp("rigid")},
             gravity=[0.0, 0.0, -self.gravity],
-            touching=Touching({"ball": Sphere(radius=self.ball_radius)}, {"wall": wall}),
+            touching=Touching({"sphere": Sphere(radius=self.ball_radius)}, {"wall": wall}),
         )
 
     def state(self) -> State:

@@ -24,13 +24,13 @@ from scipy.optimize import least_squares
 from scipy.stats import norm as normal
 from scipy.stats import t as student
 
+from holdfast.identification.estimate import huber_weights
 from holdfast.identification.free_fit import channel_sizes, estimated, least_noise, whitener
 from holdfast.identification.machine.coloured_noise import Autoregression, autoregression
 from holdfast.identification.machine.rows import MachineRows
 from holdfast.identification.machine.unknowns import MachineUnknowns
 from holdfast.spatial.scalar import Array
 
-HUBER = 1.345  # deviations beyond which a residual's weight falls; 95 % efficient for normal noise (Huber 1964)
 NOT_USED = 1e4  # factor of the noise of measurements that do not count
 MOST_REFITS, NOISE_SETTLED = 40, 1e-4  # of weights and estimate; relative change of the noise at which they end
 FIRST_NOISE = 0.05  # first guess of the noise, relative to the measurements
@@ -110,7 +110,7 @@ def machine_fit(
         old = weights
         if huber:
             e = np.abs(at.whitened)
-            weights = np.sqrt(np.minimum(1.0, HUBER / np.maximum(e, 1e-300)))
+            weights = np.sqrt(huber_weights(e))
         at = _Point(rows, unknowns, z, noise)
         same = float(np.abs(noise / before - 1.0).max()) < NOISE_SETTLED and float(np.abs(weights - old).max()) < 1e-2
         if same and (count or not at.bilinear):

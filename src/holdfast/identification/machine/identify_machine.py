@@ -21,9 +21,11 @@ from holdfast.identification.machine.rows import MachineRows, channels, machine_
 from holdfast.identification.machine.unknowns import GAINS, KINDS, ON_JOINTS, MachineUnknowns, machine_unknowns
 from holdfast.identification.recording import Recording
 from holdfast.identification.suspicions import suspicions
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
+from holdfast.model.serial_chain import serial_chain
 from holdfast.spatial.inertia import of_parameters
 from holdfast.spatial.scalar import Array
 
@@ -286,7 +288,9 @@ def measurement_errors(
         ModelError: others are of another measurement, or lack the gains of currents.
         StateError: the recording does not have the measurement.
     """
+    checks.instance(chain, ClosedChain, "measurement_errors: chain")
     chain = without_object(chain)
+    serial_chain(chain, "measurement_errors: chain")
     if not isinstance(by, str) or by not in KINDS:
         raise ModelError(f"measurement_errors: by: expected {' or '.join(map(repr, KINDS))}, got {by!r}")
     if by == "current" and "drive_gain" not in others:
