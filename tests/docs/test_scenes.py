@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from holdfast.robots import ROBOTS
-from holdfast.scenario import scene
+from holdfast.scenario import scene, world_tables
 from tests.docs.pages import DOCS
 
 PAGE = (DOCS / "scenes.md").read_text(encoding="utf-8")
@@ -40,7 +40,7 @@ def reached(struct, known=frozenset()) -> set[type[msgspec.Struct]]:
     return found
 
 
-STRUCTS = reached(scene.SceneTable)
+STRUCTS = reached(scene.SceneTable) | {world_tables.ShapeTable}  # its keys are those of all shapes
 
 
 def holder(of: str) -> type[msgspec.Struct]:
@@ -56,8 +56,9 @@ def holder(of: str) -> type[msgspec.Struct]:
     if not names:
         return scene.SceneTable
     held = [key for struct in STRUCTS for key in msgspec.structs.fields(struct) if key.name in names]
-    (found,) = {struct for key in held for struct in structs(key.type)}
-    return found
+    found = {struct for key in held for struct in structs(key.type)}
+    (one,) = found if len(found) == 1 else set.intersection(*({*struct.__bases__} for struct in found))
+    return one
 
 
 ROWS: dict[type[msgspec.Struct], list[list[str]]] = {

@@ -394,7 +394,7 @@ BAD_PATHS = [
 ]  # fmt: skip
 GUTTED = [  # whole parts are missing, or it is no text
     ("", "$: Object missing required field `arms`"),
-    ("arms = []\n" + TEXT[TEXT.index("[object]") :], "$.arms: expected at least one arm, got none"),
+    ("arms = []\n" + TEXT[TEXT.index("[object]") :], "$.arms: expected at least one arm, or shapes in [[world]]"),
     (TEXT[: TEXT.index("[[grasps]]")] + TEXT[TEXT.index("[controller]") :], "object_tracking needs a grasp"),
     (b"name = '\xff'", "not valid TOML"),
     (TEXT.encode("utf-16"), "not valid TOML: 'utf-8' codec"),

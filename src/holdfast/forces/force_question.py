@@ -24,7 +24,7 @@ from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programmes import Costs, Form, Posed, Solved, answer, at_value, costs, posed
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import answered_as_forest
+from holdfast.model.serial_chain import answered_as_forest, without_contacts
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -154,6 +154,7 @@ def _weights(given: Any, tasks: list[NamedTask]) -> dict[str, float]:
 
 
 def _motion(chain: ClosedChain, state: State, inputs: Inputs | None):
+    without_contacts(chain, "forces within limits")
     require_fit(chain, state)
     return motion_without_torques(chain, state, shaped_inputs(chain, inputs))
 

@@ -196,8 +196,8 @@ def build_robots(data: SceneTable, files: RobotFiles, at: Location) -> tuple[Sce
     Raises:
         SceneError: with the path of the first fault.
     """
-    if not data.arms:
-        raise (at / "arms").refuse("expected at least one arm, got none")
+    if not data.arms and not data.world:
+        raise (at / "arms").refuse("expected at least one arm, or shapes in [[world]] for a free object, got none")
     if len(data.arms) > MOST_ARMS:
         raise (at / "arms").refuse(f"expected at most {MOST_ARMS} arms, got {len(data.arms)}")
     require_names((arm.name for arm in data.arms), at / "arms", "name")
@@ -276,6 +276,7 @@ def build_chain(
             arms[arm.name] = arms[arm.name].at(place @ grasps[arm.name].frame @ arms[arm.name].tip.inverse())
     springs = [parts.spring(spring, arms, below, at / "springs" / i) for i, spring in enumerate(data.springs)]
     mounts = build_mounts(data.arms, below, at / "arms")
+    touching = parts.touching(data, at)
     bodies = {name: one.body for name, one in objects.items()}
     held: dict[str, Any] = {"held_object": bodies.pop(HELD_OBJECT)} if data.object is not None else {}
     with at.refusals():
@@ -289,9 +290,10 @@ def build_chain(
             objects=bodies,
             loops=loops,
             couplings=couplings,
+            touching=touching,
             **held,
         )
-    q = np.concatenate([*([] if trunk is None else [trunk.q]), *(robot.q for robot in robots.values())])
+    q = np.concatenate([[], *([] if trunk is None else [trunk.q]), *(robot.q for robot in robots.values())])
     places, twists = [one.pose.wxyz_xyz for one in objects.values()], [one.twist for one in objects.values()]
     several = len(objects) != 1
     of_objects = (places, np.reshape(twists, (-1, 6))) if several else (places[0], np.array(twists[0]))

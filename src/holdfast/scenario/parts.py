@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.control.paths import quintic
 from holdfast.errors import ModelError
@@ -21,8 +22,11 @@ from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.spring import Spring
 from holdfast.model.trunk import Trunk
-from holdfast.scenario import scene
-from holdfast.scenario.joints import inertia_and_shape, pose
+from holdfast.model.world.shape import WorldShape
+from holdfast.model.world.solids import Ball, Box, Cone, Cylinder, HalfSpace
+from holdfast.model.world.touching import Sphere, Touching, corners
+from holdfast.scenario import scene, world_tables
+from holdfast.scenario.joints import inertia_and_shape, pose, require_names
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, cos, sin
@@ -81,6 +85,52 @@ def held_object(data: scene.ObjectTable, at: Location) -> HeldObject:
     with at.refusals():
         inertia, shape = inertia_and_shape(data, at)
         return HeldObject(data.mass, inertia, com, shape=None if com.any() else shape)  # drawn about C
+
+
+WORLD_SHAPES: dict[type[world_tables.ShapeTable], type[WorldShape]] = {
+    world_tables.HalfSpaceTable: HalfSpace,
+    world_tables.BallTable: Ball,
+    world_tables.CylinderTable: Cylinder,
+    world_tables.ConeTable: Cone,
+    world_tables.RoundedBoxTable: Box,
+}
+
+
+def touching(data: scene.SceneTable, at: Location) -> Touching | None:
+    """Return what of the object may touch which shapes of the world; None if the scene says nothing of either.
+
+    Raises:
+        SceneError: there are shapes without points or points without shapes, or one is impossible.
+    """
+    given = None if data.object is None else data.object.touching
+    for name, one in data.objects.items():
+        if one.touching is not None:
+            raise (at / "objects" / name / "touching").refuse("expected none, as only the table [object] can have it")
+    if given is None or data.object is None:
+        if data.world:
+            raise (at / "world").refuse('expected object.touching beside it, e.g. points = "corners"; got none')
+        return None
+    here = at / "object" / "touching"
+    if not data.world:
+        raise here.refuse("expected shapes in [[world]] beside it, got none")
+    require_names((one.name for one in data.world), at / "world", "name")
+    shapes = {}
+    for i, one in enumerate(data.world):
+        keys = {key: getattr(one, key) for key in one.__struct_fields__ if key not in ("name", "pose")}
+        frame = pose(one.pose, at / "world" / i / "pose")
+        with (at / "world" / i).refusals():
+            shapes[one.name] = WORLD_SHAPES[type(one)](pose=frame, **keys)
+    points: Mapping[str, ArrayLike]
+    if isinstance(given.points, dict):
+        points = given.points
+    elif data.object.box is None:
+        raise (here / "points").refuse(
+            "expected points by name for an object that is no box; 'corners' are those of one"
+        )
+    else:
+        points = {name: np.add(data.object.com, x) for name, x in corners(*data.object.box).items()}
+    with here.refusals():
+        return Touching({name: Sphere(x, given.radius) for name, x in points.items()}, shapes, given.pairs)
 
 
 QUICKEST_START = 1e-6  # [s]; a shorter start would be a jump

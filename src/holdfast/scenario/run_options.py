@@ -16,7 +16,7 @@ from holdfast.simulation.zero_order_hold import zero_order_hold
 
 SIMULATION_KEYS = (  # passed on to `simulate`
     "on_slip", "on_limit", "on_singular", "scheme", "rtol", "atol", "largest_drift", "sample_time", "delay",
-    "record", "every",
+    "record", "every", "contacts",
 )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from holdfast.model.grasp import GraspName
 from holdfast.model.joint import ArmJointName
 from holdfast.scenario.controller_tables import ControllerTable
 from holdfast.scenario.table import ZEROS, KeyTable, NumberRows, PoseTable, Quaternion, Triple, Twist
+from holdfast.scenario.world_tables import TouchingTable, WorldTable
 from holdfast.simulation.adaptive import RTOL
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip
 from holdfast.simulation.run_record import EVERYTHING
@@ -162,11 +163,13 @@ class TrunkTable(KeyTable):
 class ObjectTable(_Solid, kw_only=True):
     """The held object: its mass, a solid or an inertia about the mass centre, and its initial pose and twist.
 
-    The solid is as in `BodyTable`; `twist` is the initial [omega; v of its origin], world axes.
+    The solid is as in `BodyTable`; `twist` is the initial [omega; v of its origin], world axes. What of it may touch
+    the shapes of the world is in `touching`.
     """
 
     pose: PoseTable = msgspec.field(default_factory=PoseTable)
     twist: Twist = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    touching: TouchingTable | None = None
 
 
 class ContactTable(KeyTable):
@@ -290,6 +293,7 @@ class SimulationTable(KeyTable):
     on_slip: OnSlip = "stop"
     on_limit: OnLimit = "record"
     on_singular: OnSingular = "stop"
+    contacts: Literal["events", "steps"] | None = None
     breakpoints: list[float] = []
     record: str | list[str] = EVERYTHING
     every: int = 1
@@ -329,7 +333,8 @@ class SweepTable(KeyTable):
 class SceneTable(KeyTable):
     """A scene: the arms, their trunk if any, what they hold, grasps, a controller, and the simulation settings.
 
-    There is one `object`, or several `objects` by name, or none. `loops` and `couplings` are those of the whole chain.
+    Shapes of the `world` may touch the object. There is one `object`, or several `objects` by name, or none. `loops`
+    and `couplings` are those of the whole chain.
     `packages` are the folders of packages by name to which robot files refer, relative to the scene's folder.
     """
 
@@ -345,6 +350,7 @@ class SceneTable(KeyTable):
     events: list[AttachTable | ReleaseTable] = []
     wrenches: list[WrenchTable] = []
     springs: list[SpringTable] = []
+    world: list[WorldTable] = []
     sweep: SweepTable | None = None
     packages: dict[str, str] = {}
     gravity: Triple = STANDARD_GRAVITY

@@ -63,7 +63,7 @@ class WorldShape(Frozen, ABC):
     @property
     def what(self) -> str:
         """The name of the kind of shape in messages."""
-        return f"world: {type(self).__name__}"
+        return type(self).__name__
 
     @abstractmethod
     def distance(self, x: Array) -> Distance:
