@@ -4,10 +4,10 @@ import numpy as np
 
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.simulation.events import Occurrence
-from holdfast.simulation.trajectory import RUN_ARRAYS, TRUNK_FIELDS, Trajectory, array_names
+from holdfast.simulation.trajectory import EMPTY_FIELDS, RUN_ARRAYS, Trajectory, array_names
 from tests.control.two_pandas import two_pandas
 
-SHAPE = {name: (0,) if name in TRUNK_FIELDS else row.shape(two_pandas()[0]) for name, row in RUN_ARRAYS.items()}
+SHAPE = {name: (0,) if name in EMPTY_FIELDS else row.shape(two_pandas()[0]) for name, row in RUN_ARRAYS.items()}
 KINDS = {"holding": bool, "lowest_joint": int}
 SCENE = 'name = "test"\n'
 STEP = 0.1

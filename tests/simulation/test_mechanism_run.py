@@ -10,6 +10,7 @@ import pytest
 import holdfast as hf
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model.grasp_rows import row_name
+from holdfast.simulation.trajectory import EMPTY_FIELDS
 from tests.dynamics.tree.as_branched import AWAY, STRAY, gap
 from tests.longer import mostly_slow
 from tests.systems.branched import branched_problems, palletiser
@@ -156,7 +157,7 @@ def test_chosen_arrays():
     some = hf.simulate(chain, state, constant(tau), 0.02, 2e-3, record=["q", "margin"], every=4, on_sample=heard.append)
     assert some.t.tolist() == whole.t[[0, 4, 8, 10]].tolist()
     assert some.q.tolist() == whole.q[[0, 4, 8, 10]].tolist() and some.every == 4
-    assert {*some.recorded} - {"t", "q", "margin"} == {"base_pose", "base_twist", "base_acceleration", "coupling_force"}
+    assert {*some.recorded} - {"t", "q", "margin"} == {*EMPTY_FIELDS} - {"trunk_base_wrench"}
     assert [float(one.t) for one in heard] == some.t.tolist()
     with pytest.raises(StateError, match=r"'momentum' was not recorded \(runs of chains with branches never have it"):
         _ = whole.momentum[0]

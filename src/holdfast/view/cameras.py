@@ -123,7 +123,7 @@ def objects_outline(playback: Playback, k: int) -> Array:
 
 def _spread(bases: Array, up: Array) -> Array:
     """Return the horizontal direction in which bases (arms, 3) lie side by side, a unit vector (3,)."""
-    level = bases - bases.mean(axis=0)
+    level = bases - bases.sum(axis=0) / max(len(bases), 1)
     level = level - np.outer(level @ up, up)
     sizes, directions = np.linalg.eigh(level.T @ level)
     along = directions[:, -1]

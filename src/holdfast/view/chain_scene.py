@@ -25,10 +25,12 @@ from holdfast.view.link_meshes import LinkMesh, meshes_of, surface_of_object
 from holdfast.view.playback import Playback, spring_ends
 from holdfast.view.poses import joint_poses, object_poses
 from holdfast.view.scene_writer import RGB, SceneWriter
+from holdfast.view.world_drawing import placed_mesh, touching_points
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 TRUNK_NODE = f"/{TRUNK}"  # node of a trunk's base
 OBJECT_OPACITY = 0.28
+WORLD_GREY, WORLD_OPACITY, WORLD_SIZE = (176, 168, 150), 0.45, 2.5  # the last relative to the length of the longest arm
 # relative to the length of the longest arm
 SHAFT_RADIUS, COIL_RADIUS, TOOL_RADIUS, DISC_RADIUS, FOOT_RADIUS = 0.006, 0.012, 0.012, 0.035, 0.1
 INTERNAL_OFFSET, AXES_LENGTH, CONE_HEIGHT, LINE_THICKNESS = 0.03, 0.05, 0.09, 0.0025
@@ -59,6 +61,7 @@ class ChainScene:
         self._bodies = [*([TRUNK_NODE] if chain.floats else ()), *self._bodies, *self._objects.values()]
         self._cones = self._draw_contacts()
         self._draw_ground()
+        self._draw_world()
         self._reserves = {name: playback.reserve(name) for name in self._cones}
         for name in playback.holding:
             colour, node, shaft = figure_style.rgb(playback.colour(name)), _node(name), SHAFT_RADIUS * self._size
@@ -92,6 +95,10 @@ class ChainScene:
                 self._writer.place(node, pose[:4], pose[4:])
             for name in playback.holding:
                 self._point(name, k)
+            if playback.touch_force is not None:
+                tails = touching_points(playback, k)
+                for i, (tail, force) in enumerate(zip(tails, playback.touch_force[k], strict=True)):
+                    self._writer.point(f"/touching/{i}", np.array([[tail, tail + self.scale.force * force]]))
             for i, segments in enumerate(self._coils(k)):
                 self._writer.redraw(f"/springs/{i}", segments)
             for name, reserve in self._reserves.items():
@@ -252,6 +259,20 @@ class ChainScene:
         span = 2.0 * float(np.linalg.norm(bases - middle, axis=1).max()) + 2.0 * self._widest
         cell = markers.one_two_five(span / 25)
         self._writer.grid("/ground", Pose(turn, middle), float(np.ceil(span / (10 * cell)) * 10 * cell), cell)
+
+    def _draw_world(self) -> None:
+        """Draw the shapes that the object may touch, and arrows for the forces there."""
+        touching = self.playback.chain.touching
+        if touching is None:
+            return
+        near = self.playback.object_pose[0, 4:]
+        for name, shape in touching.world.items():
+            at, mesh = placed_mesh(shape, near, WORLD_SIZE * self._size)
+            self._writer.frame(f"/world/{_node(name)}", at)
+            self._writer.mesh(f"/world/{_node(name)}/surface", mesh, WORLD_GREY, WORLD_OPACITY)
+        if self.playback.touch_force is not None:
+            for i in range(len(touching.candidates)):
+                self._writer.arrows(f"/touching/{i}", 1, LINE_GREY, SHAFT_RADIUS * self._size)
 
 
 def arm_colour(index: int) -> RGB:

@@ -124,6 +124,7 @@ def arrow_scale(playback: Playback) -> ArrowScale:
     largest = max(
         float(np.linalg.norm(playback.wrench[..., 3:], axis=-1).max(initial=0.0)),
         float(np.linalg.norm(commanded, axis=-1).max(initial=0.0)),
+        0.0 if playback.touch_force is None else float(np.linalg.norm(playback.touch_force, axis=-1).max(initial=0.0)),
         float(np.linalg.norm(playback.wrench[..., :3], axis=-1).max(initial=0.0)) / lever,
     )
     force = one_two_five(LONGEST_ARROW * size / largest) if largest > 0 else 1.0

@@ -114,6 +114,8 @@ def legend(playback: Playback, scale: ArrowScale) -> str:
         f"Arrows in an arm's colour are its force {whose} (0.1{GAP}m is {0.1 / scale.force:.3g}{GAP}N), with two"
         f" heads its moment (0.1{GAP}m is {0.1 / scale.moment:.3g}{GAP}N{GAP}m)."
     ]
+    if playback.touch_force is not None:
+        sentences.append("Dark grey arrows are forces of the world on the object.")
     if playback.internal.size:
         sentences.append("Purple arrows are the internal force.")
     if playback.commanded is not None:

@@ -68,6 +68,7 @@ class Playback:
             if it is not known.
         limits: the limits that the controller keeps; None if it keeps none, or is not known.
         attached: names of grasps of a chain with branches that close later.
+        touch_force: (frames, pairs, 3) forces of the world on the object at its points; None if it touches nothing.
     """
 
     chain: ClosedChain
@@ -89,6 +90,7 @@ class Playback:
     commanded: Array | None = None
     limits: ForceLimits | None = None
     attached: Sequence[str] = ()
+    touch_force: Array | None = None
 
     @cached_property
     def rows(self) -> Sequence[GraspRow]:
@@ -207,11 +209,12 @@ def playback_of_run(
     if not chain.beyond_serial:
         strength[~run.holding[k]] = 1.0
     bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))
-    bases, tips = bases.reshape(len(k), len(chain.arms), 7), tips.reshape(len(k), len(rows), 3)
+    touches = run.touch_force[k] if chain.touching is not None and "touch_force" in run.recorded else None
     return Playback(
         chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
         internal, run.margin[k], run.condition[k], strength, run.tau[k], surfaces, notes, commanded,
         limits_kept(controller), [row.name for row in rows if row.grasp is None and row.name not in chain.arms],
+        touches,
     )  # fmt: skip
 
 
@@ -254,7 +257,8 @@ def playback_of_instant(at: Instant, title: str, controller: Any = None) -> Play
     if commands_forces(controller):
         commanded = commanded_internal_wrenches(controller, at.t, state)[None]
     drawn = Playback(chain, title, *(np.array([part]) for part in parts), visuals=surfaces, notes=notes)
-    return replace(drawn, commanded=commanded, limits=limits_kept(controller))
+    touches = None if chain.touching is None else found.touch_force[None]
+    return replace(drawn, commanded=commanded, limits=limits_kept(controller), touch_force=touches)
 
 
 def _surfaces(chain: ClosedChain, visuals: DrawnSurfaces | None) -> tuple[DrawnSurfaces, tuple[str, ...]]:
@@ -275,9 +279,9 @@ class _Place(NamedTuple):
         strength: (arms,) strength of each arm's weakest tip direction.
     """
 
-    bases: list[Array]
+    bases: Array
     below: Array
-    tips: list[Array]
+    tips: Array
     strength: list[float]
 
 
@@ -297,7 +301,8 @@ def _placed(chain: ClosedChain, inputs: Inputs, state: State, rows: Sequence[Gra
     below = np.zeros(0) if chain.trunk is None else chain.trunk.base.wxyz_xyz
     if state.base_pose is not None:
         below = state.base_pose
-    return _Place([arm.base.wxyz_xyz for arm in arms], below, [at.tip.p for at in configurations], strength)
+    bases, tips = [arm.base.wxyz_xyz for arm in arms], [at.tip.p for at in configurations]
+    return _Place(np.reshape(bases, (-1, 7)), below, np.reshape(tips, (-1, 3)), strength)
 
 
 def _placed_as_forest(chain: ClosedChain, state: State, rows: Sequence[GraspRow]) -> _Place:
@@ -307,8 +312,9 @@ def _placed_as_forest(chain: ClosedChain, state: State, rows: Sequence[GraspRow]
     mounts = {name: poses[body] for name, body in chain.mounted_on.items()}
     bases = [(mounts[name] @ arm.base if name in mounts else arm.base).wxyz_xyz for name, arm in chain.arms.items()]
     below = np.zeros(0) if chain.trunk is None else chain.trunk.base.wxyz_xyz
-    tips = [_tip(chain, row, poses) for row in rows]
-    return _Place(bases, below if state.base_pose is None else state.base_pose, tips, [1.0] * len(chain.arms))
+    tips = np.reshape([_tip(chain, row, poses) for row in rows], (-1, 3))
+    below = below if state.base_pose is None else state.base_pose
+    return _Place(np.reshape(bases, (-1, 7)), below, tips, [1.0] * len(chain.arms))
 
 
 def _tip(chain: ClosedChain, row: GraspRow, poses: Sequence[Pose]) -> Array:

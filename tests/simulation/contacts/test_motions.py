@@ -145,7 +145,7 @@ def test_folder_keeps_contacts(tmp_path):
     run = run_of(case, 0.01, "steps", 0.05)
     run.save(tmp_path / "run")
     read = hf.load_result(tmp_path / "run").trajectory
-    assert read.setting.chain.touching.names == ("ball/floor",)
+    assert read.setting.chain.touching.names == ("sphere/floor",)
     np.testing.assert_array_equal(read.touch_force, run.touch_force)
     assert read.occurrences == run.occurrences
     head = run.to_csv(tmp_path / "run.csv")[0].read_text().splitlines()[0]
