@@ -301,7 +301,7 @@ def build_chain(
     return chain, State(q, np.zeros(chain.joint_count), *of_objects, *base)
 
 
-class Placed(NamedTuple):
+class PlacedObject(NamedTuple):
     """An object of a scene at its initial pose, with its initial twist (6,)."""
 
     body: HeldObject
@@ -309,7 +309,7 @@ class Placed(NamedTuple):
     twist: Twist
 
 
-def build_objects(data: SceneTable, at: Location) -> dict[str, Placed]:
+def build_objects(data: SceneTable, at: Location) -> dict[str, PlacedObject]:
     """Return the objects by name in the order of the chain, of which "object" is the first.
 
     Raises:
@@ -321,7 +321,7 @@ def build_objects(data: SceneTable, at: Location) -> dict[str, Placed]:
     tables = {} if data.object is None else {HELD_OBJECT: (data.object, at / HELD_OBJECT)}
     tables |= {name: (one, at / "objects" / name) for name, one in data.objects.items()}
     return {
-        name: Placed(parts.held_object(one, here), pose(one.pose, here / "pose"), one.twist)
+        name: PlacedObject(parts.held_object(one, here), pose(one.pose, here / "pose"), one.twist)
         for name, (one, here) in tables.items()
     }
 

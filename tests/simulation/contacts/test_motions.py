@@ -149,4 +149,4 @@ def test_folder_keeps_contacts(tmp_path):
     np.testing.assert_array_equal(read.touch_force, run.touch_force)
     assert read.occurrences == run.occurrences
     head = run.to_csv(tmp_path / "run.csv")[0].read_text().splitlines()[0]
-    assert "touch_force ball/floor z [N]" in head
+    assert "touch_force sphere/floor z [N]" in head
