@@ -267,9 +267,9 @@ class ChainScene:
             return
         near = self.playback.object_pose[0, 4:]
         for name, shape in touching.world.items():
-            at, mesh = placed_mesh(shape, near, WORLD_SIZE * self._size)
-            self._writer.frame(f"/world/{_node(name)}", at)
-            self._writer.mesh(f"/world/{_node(name)}/surface", mesh, WORLD_GREY, WORLD_OPACITY)
+            if (placed := placed_mesh(shape, near, WORLD_SIZE * self._size)) is not None:
+                self._writer.frame(f"/world/{_node(name)}", placed[0])
+                self._writer.mesh(f"/world/{_node(name)}/surface", placed[1], WORLD_GREY, WORLD_OPACITY)
         if self.playback.touch_force is not None:
             for i in range(len(touching.candidates)):
                 self._writer.arrows(f"/touching/{i}", 1, LINE_GREY, SHAFT_RADIUS * self._size)

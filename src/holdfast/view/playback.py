@@ -257,7 +257,8 @@ def playback_of_instant(at: Instant, title: str, controller: Any = None) -> Play
     if commands_forces(controller):
         commanded = commanded_internal_wrenches(controller, at.t, state)[None]
     drawn = Playback(chain, title, *(np.array([part]) for part in parts), visuals=surfaces, notes=notes)
-    touches = None if chain.touching is None else found.touch_force[None]
+    force = getattr(found, "touch_force", None)  # a chain with branches has none
+    touches = None if force is None else force[None]
     return replace(drawn, commanded=commanded, limits=limits_kept(controller), touch_force=touches)
 
 

@@ -20,15 +20,16 @@ PLATE_THICKNESS = 0.02  # relative to its width
 Placed = tuple[Pose, TriangleMesh]
 
 
-def placed_mesh(shape: WorldShape, near: Array, size: float) -> Placed:
-    """Return a mesh of a shape, and the pose of its frame in the world.
+def placed_mesh(shape: WorldShape, near: Array, size: float) -> Placed | None:
+    """Return a mesh of a shape, and the pose of its frame in the world; None for a shape of another kind.
 
     Args:
         shape: the shape.
         near: (3,) point in the world near which an endless shape is drawn [m].
         size: length up to which it is drawn [m].
     """
-    return _MESHES[type(shape)](shape, shape.pose.inverse() @ Pose(np.eye(3), near), size)
+    of_kind = _MESHES.get(type(shape))
+    return None if of_kind is None else of_kind(shape, shape.pose.inverse() @ Pose(np.eye(3), near), size)
 
 
 def touching_points(playback: Playback, k: int) -> Array:

@@ -1,0 +1,50 @@
+"""Drawn shapes of the world lie on the surfaces that the object touches, and forces start where it does."""
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.view.chain_scene import ChainScene
+from holdfast.view.playback import playback_of_run
+from holdfast.view.scene_writer import SceneWriter, viewer_server
+from holdfast.view.world_drawing import placed_mesh, touching_points
+from holdfast.world import Ball, Box, Cone, Cylinder, HalfSpace, Sphere, Touching
+
+AT = hf.Pose.from_rpy(0.3, -0.5, 1.1, xyz=[0.4, -0.2, 0.7])
+NEAR = np.array([0.5, 0.1, 0.6])
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        HalfSpace(normal=[0, 0.6, 0.8], offset=0.2, pose=AT),
+        Ball(radius=0.3, pose=AT),
+        Cylinder(radius=0.2, inside=True, pose=AT),
+        Cone(angle=0.4, pose=AT),
+        Box(half=[0.1, 0.2, 0.3], edge=1e-9, pose=AT),
+    ],
+    ids=lambda shape: type(shape).__name__,
+)
+def test_on_the_surface(shape):
+    """No vertex is outside of the solid, and those of the surface are on it."""
+    at, mesh = placed_mesh(shape, NEAR, 1.0)
+    phi = np.array([shape.from_world(at.R @ x + at.p).phi for x in np.asarray(mesh.vertices, dtype=float)])
+    assert np.abs(phi).min() < 1e-7
+    if isinstance(shape, HalfSpace):
+        assert phi.max() < 1e-12 and np.linalg.norm(at.p - NEAR) < abs(shape.from_world(NEAR).phi) + 0.1
+    else:
+        assert np.abs(phi).max() < 1e-7
+
+
+def test_a_run_without_arms():
+    """A ball on a floor is drawn, with an arrow of its weight where it touches."""
+    touching = Touching({"tip": Sphere([0, 0, 0], 0.1)}, {"floor": HalfSpace(friction=0.5)})
+    chain = hf.ClosedChain({}, hf.HeldObject.sphere(2.0, 0.1), {}, touching=touching)
+    start = hf.State([], [], hf.Pose.translation(0.3, 0, 0.1))
+    run = hf.simulate(chain, start, lambda t, state, memory: (np.zeros(0), memory), 0.02, 0.01)
+    playback = playback_of_run(chain, run)
+    assert playback.touch_force is not None
+    np.testing.assert_allclose(playback.touch_force[-1], [[0, 0, 19.62]], atol=1e-9)
+    np.testing.assert_allclose(touching_points(playback, 0), [[0.3, 0, 0]], atol=1e-12)
+    with viewer_server() as server:
+        ChainScene(SceneWriter(server), playback).show(len(playback) - 1)
