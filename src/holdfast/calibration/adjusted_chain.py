@@ -8,6 +8,7 @@ from typing import Any
 
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp_rows import row_name
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.spatial.pose import Pose
@@ -46,7 +47,7 @@ def adjusted_chain(chain: ClosedChain, poses: Mapping[str, Pose]) -> ClosedChain
         )
     grasps = {}
     for key, grasp in chain.grasps.items():
-        owner = key if isinstance(key, str) else "/".join(key)
+        owner = row_name(key)
         frame = poses.get(f"grasp {owner}")
         grasps[key] = grasp if frame is None else replace(grasp, frame=frame)
     loops = {name: _loop(of, name, poses) for name, of in chain.loops.items()}

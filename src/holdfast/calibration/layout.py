@@ -25,6 +25,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.closure import Closure
 from holdfast.model.grasp import Grasp
+from holdfast.model.grasp_rows import row_name
 from holdfast.model.joint import Joint
 from holdfast.model.joint_types import first_across, second_across
 from holdfast.model.trunk import NAME as TRUNK
@@ -263,7 +264,7 @@ def _closures(chain: ClosedChain, found: _Frames) -> Iterator[Meeting]:
     for key, index in whole.closures.items():
         closure = whole.forest.closures[index]
         kind = closure.grasp.of_kind
-        owner = key if isinstance(key, str) else "/".join(key)
+        owner = row_name(key)
         if kind.given is not None or kind.threaded:
             raise MethodNotApplicable(
                 f"calibrate: {owner}: expected a grasp whose closed directions are axes, got a {closure.grasp.kind}"

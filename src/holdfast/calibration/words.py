@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from holdfast.calibration.layout import Unknown
-from holdfast.identification.base_parameters import ALONE, pivoted
+from holdfast.identification.base_parameters import ALONE, pivot_directions
 from holdfast.spatial.scalar import Array
 
 MOST_NAMED = 4  # parts of a direction that a sentence names
@@ -22,13 +22,8 @@ def not_determined(null: Array, sizes: Array, unknowns: Sequence[Unknown], known
         unknowns: the unknowns.
         known: (p,) whether each has a prior.
     """
-    d = null.shape[1]
-    if not d:
-        return ()
-    pivots = np.sort(pivoted(null.T)[1][:d])
-    directions = null @ np.linalg.inv(null[pivots])
     alone, together = [], []
-    for k, direction in zip(pivots.tolist(), directions.T, strict=True):
+    for k, direction in pivot_directions(null):
         whose = "the prior's value" if known[k] else "the model's value"
         order = np.argsort(-np.abs(direction)).tolist()
         others = [j for j in order if j != k and abs(direction[j]) > ALONE]

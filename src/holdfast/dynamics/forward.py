@@ -116,9 +116,10 @@ def forward_dynamics(
     regular, touching = sequential(motion, route), None
     if chain.touching is not None:
         touching = touching_forces(motion, state, regular)
-        require_resolved(touching.solution, chain.touching.names_of(touching.closed))
-        motion = pushed(motion, state, touching.solution.wrench)
-        regular = sequential(motion, route)
+        if touching.closed.any():
+            require_resolved(touching.solution, chain.touching.names_of(touching.closed))
+            motion = pushed(motion, state, touching.solution.wrench)
+            regular = sequential(motion, route)
     for name, pivots in zip(chain.grasps, regular.pivots, strict=True):
         _require_inertia(f"arm '{name}'", pivots)
     if regular.trunk_pivots is not None:

@@ -118,6 +118,18 @@ def parts_kept(fixed: Array) -> tuple[Array, Array]:
     return part > WHOLLY, (part > PARTLY) & (part <= WHOLLY)
 
 
+def pivot_directions(null: Array) -> list[tuple[int, Array]]:
+    """Return a basis of directions in which each has a pivot k of its own, 1 there and 0 in the others: (k, (p,)).
+
+    Args:
+        null: (p, d) an orthonormal basis of the same directions.
+    """
+    if not null.shape[1]:
+        return []
+    pivots = np.sort(pivoted(null.T)[1][: null.shape[1]])
+    return list(zip(pivots.tolist(), (null @ np.linalg.inv(null[pivots])).T, strict=True))
+
+
 def sentences(fixed: Array, names: Sequence[str], sizes: Array) -> tuple[str, ...]:
     """Return a sentence for each combination that cannot be identified.
 
@@ -126,13 +138,8 @@ def sentences(fixed: Array, names: Sequence[str], sizes: Array) -> tuple[str, ..
         names: (p,) names of the unknowns.
         sizes: (p,) their sizes.
     """
-    d = fixed.shape[1]
-    if not d:
-        return ()
-    pivots = np.sort(pivoted(fixed.T)[1][:d])
-    directions = fixed @ np.linalg.inv(fixed[pivots])
     alone, together = [], []
-    for k, direction in zip(pivots.tolist(), directions.T, strict=True):
+    for k, direction in pivot_directions(fixed):
         others = [j for j in np.flatnonzero(np.abs(direction) > ALONE).tolist() if j != k]
         if not others:
             alone.append(names[k])

@@ -96,12 +96,17 @@ def touching_forces(motion: ChainMotion, state: State, free: Solution) -> Touchi
     speed = np.linalg.norm(u[closed, :2], axis=1)
     moves = speed > least
     slide = np.where(moves, u[closed, :2].T / np.where(moves, speed, 1.0), 0.0).T
-    names = [*motion.chain.grasps, *motion.lone_on_trunk]
-    tips = dict(zip(motion.chain.grasps, free.tips, strict=True)) if len(names) == len(free.tips) else tips_of(motion)
-    P = chain_mobility(motion, tips)
+    P = _mobility(motion, free) if closed.any() else np.zeros((6, 6))
     alpha = free.object_acceleration + pseudo_gravity(motion.chain)
     b = rows.C[closed] @ alpha + rows.drift[closed]
     return TouchingForces(rows, closed, solve_contacts(P, rows.C[closed], b, rows.friction[closed], slide=slide), slide)
+
+
+def _mobility(motion: ChainMotion, free: Solution) -> Array:
+    """Return the object's mobility, from the tip responses of a solution if it has those of all arms."""
+    names = [*motion.chain.grasps, *motion.lone_on_trunk]
+    known = len(names) == len(free.tips)
+    return chain_mobility(motion, dict(zip(motion.chain.grasps, free.tips, strict=True)) if known else tips_of(motion))
 
 
 def chain_mobility(motion: ChainMotion, tips: dict[str, TipResponse]) -> Array:
