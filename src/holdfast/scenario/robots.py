@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -175,18 +176,16 @@ def chain_of_file(data: UrdfTable, source: UrdfSource, base: Pose, at: Location)
         SceneError: the links between them are not a valid arm.
     """
     with file_refusals(at):
-        links = urdf_chain(
-            source,
-            base=data.base,
-            tip=data.tip,
-            locked=data.locked,
-            lock_others=data.lock_others,
-            branches=data.branches,
-            loop_closures=[tuple(one) for one in data.loop_closures],
-            mount=base,
-        )
+        links = urdf_chain(source, tip=data.tip, mount=base, **reading(data))
     (joints,) = with_drives(data, [links.arm.joints], at)
     return replace(links, arm=replace(links.arm, joints=joints))
+
+
+def reading(data: UrdfTable) -> dict[str, Any]:
+    """Return how the file of an arm or a trunk is read, as arguments of `load_urdf` and `load_urdf_trunk`."""
+    closures = [tuple(one) for one in data.loop_closures]
+    names = ("base", "locked", "lock_others", "branches")
+    return {**{name: getattr(data, name) for name in names}, "loop_closures": closures}
 
 
 @contextmanager
@@ -330,17 +329,8 @@ def _of_file(
         raise (here / "floating").refuse("expected none together with tips of a file; try urdf.floating")
     _require_arms_of_file(urdf.tips, arms, at)
     with file_refusals(here):
-        links = urdf_trunk(
-            source,
-            urdf.tips,
-            base=urdf.base,
-            floating=urdf.floating,
-            locked=urdf.locked,
-            lock_others=urdf.lock_others,
-            branches=urdf.branches,
-            loop_closures=[tuple(one) for one in urdf.loop_closures],
-            mount=None if urdf.floating else base,
-        )
+        mount = None if urdf.floating else base
+        links = urdf_trunk(source, urdf.tips, floating=urdf.floating, mount=mount, **reading(urdf))
     found = links.found
     names = list(found.arms)
     own, *others = with_drives(urdf, [found.trunk.joints, *(arm.joints for arm in found.arms.values())], here)
