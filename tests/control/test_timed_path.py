@@ -19,7 +19,7 @@ from holdfast.robots import ur5e
 from holdfast.spatial import rotation
 from holdfast.view.figure_style import drawn_text
 from tests.control.two_pandas import rubber_pandas
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 
 WIDTH, RADIUS = 0.2, 0.12
 
@@ -80,8 +80,10 @@ def arc_timed(nodes: int, rates: bool = True):
     return hf.time_path(chain, state, Arc(state.object_frame), GRIP, nodes=nodes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("rates", "nodes", "places"), mostly_slow([(True, 21, 10), (False, 11, 3), (False, 41, 10)], ())
+    ("rates", "nodes", "places"),
+    mostly_long([(True, 21, 10), (False, 11, 3), (False, 41, 10)], [(True, 21, 10), (False, 11, 3)]),
 )
 def test_limits_between_nodes(rates, nodes, places):
     """At places of every interval, with forces of their own, limits are passed by 1e-3 N at most, rates by none."""
@@ -225,7 +227,7 @@ def test_dampers(damping):
         assert abs(m * qdd[0] + damping * qd[0]) <= force + 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_damped_arms():
     """Between nodes too, the torques of damped arms keep the limits, with forces found anew."""
     timed = hf.time_path(damped(10.0), STATE, ARC, GRIP, nodes=11)
@@ -235,7 +237,7 @@ def test_damped_arms():
         assert found.violation <= 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_time_scales():
     """Without gravity, limits on forces times k^2, and rates times k, divide the time by k."""
     chain, state = two_ur5e()
@@ -258,7 +260,7 @@ def test_reversal():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rates", [True, False])
+@pytest.mark.parametrize("rates", mostly_long([True, False], [False]))
 def test_beside_a_joint_programme(rates):
     """Not faster than a fine programme over all nodes together, and at 40 intervals slower by less than 1 %."""
     pytest.importorskip("clarabel", reason="needs Clarabel: pip install clarabel")

@@ -77,7 +77,7 @@ def test_whole_steps(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", mostly_long(MECHANISMS, ["springs", "floating"]))
+@pytest.mark.parametrize("name", mostly_long(MECHANISMS, ["springs"]))
 @pytest.mark.parametrize("kind", OTHERS)
 def test_other_steps(name, kind):
     """Of steps with a controller in Python, of adaptive steps, and of a rollout's system as a run."""

@@ -210,7 +210,7 @@ def swaying(base: hf.Pose) -> Any:
     return motion
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_margins_and_work():
     """Margins at the ends of steps, and the work since the start: of drives, damping, springs and external wrenches."""
     p = two_arms()
