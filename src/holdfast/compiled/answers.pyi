@@ -85,11 +85,11 @@ class _Distribute(Function):
             grasp_wrench: (arms, 6) wrench [moment; force] of each arm on the object about the contact point, world
             axes [N m, N]; object_acceleration: (6,) [omega_dot; v_dot of C] of the object, world axes [rad/s^2,
             m/s^2]; violation: by how much limits give way; all but 0 where they can be kept [N]; missed: largest
-            acceleration of a contact that its arm cannot follow, or of the object that gives way [m/s^2]; residual:
-            of the optimality conditions, relative; joint_price: (n, 2) decrease of the cost per unit by which the
-            limit of a joint's effort [N m, N] or acceleration [rad/s^2, m/s^2] is raised; grasp_price: (arms, 7) the
-            same for friction, pressing, edge, force and moment rating, least and most normal force of each grasp
-            [1/N]. As ElasticDistribution, with a leading axis for a batch.
+            acceleration of a contact that its arm cannot follow, or of the object that gives way or that no wrenches
+            of the grasps can give [m/s^2]; residual: of the optimality conditions, relative; joint_price: (n, 2)
+            decrease of the cost per unit by which the limit of a joint's effort [N m, N] or acceleration [rad/s^2,
+            m/s^2] is raised; grasp_price: (arms, 7) the same for friction, pressing, edge, force and moment rating,
+            least and most normal force of each grasp [1/N]. As ElasticDistribution, with a leading axis for a batch.
 
         Raises:
             StateError: A name, shape or number is wrong, or the question has no answer.

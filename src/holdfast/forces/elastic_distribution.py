@@ -68,6 +68,7 @@ from holdfast.questions.arrays import (
 from holdfast.questions.case import Numbers, VariedCase
 from holdfast.questions.derivatives import declare
 from holdfast.questions.question import Question
+from holdfast.spatial.linalg import ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar, array, clip, concatenate, each, maximum, reciprocal, sqrt, where
 from holdfast.spatial.vector import largest
 from holdfast.state import State
@@ -86,7 +87,8 @@ class ElasticDistribution(NamedTuple):
         object_acceleration: (6,) as there; what is asked, unless some of it is free or gives way.
         violation: v, by how much limits give way [N]; all but 0 where they can be kept.
         missed: largest acceleration of a contact that its arm cannot follow, with turns multiplied by L [m/s^2], or
-            largest entry by which an asked acceleration that may give way is missed [rad/s^2 or m/s^2].
+            largest entry by which an asked acceleration is missed, since it may give way or since no wrenches of the
+            grasps can give it [rad/s^2 or m/s^2].
         residual: of the optimality conditions, relative.
         joint_price: (n, 2) decrease of the cost when the limit of a joint's effort, or of its acceleration, is raised
             by one unit.
@@ -246,6 +248,8 @@ def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS
         tau, qdd = [made.asked.units * drives, *tau], [moving[shared.floating :], *qdd]
         acceleration, missed = acceleration + beyond, [made.asked.task @ beyond]
         floating = moving[: shared.floating] if shared.floating else None
+    if not len(made.asked.task):
+        missed = [_not_given(motion, made, found.x)]
     missed += [column.missed + column.missed_by @ y if len(y) else column.missed for column in made.columns]
     return ElasticDistribution(
         concatenate(tau),
@@ -258,6 +262,14 @@ def distribution(motion: ChainMotion, own: Numbers, iterations: int = ITERATIONS
         *_prices(made, found),
         floating,
     )
+
+
+def _not_given(motion: ChainMotion, made: Programme, x: list[Array]) -> Array:
+    """Return the acceleration of the object, (6,), of the part of the needed wrench that the grasps do not give."""
+    given = sum((block.E[:6] @ own for block, own in zip(made.blocks, x, strict=True)), np.zeros(6))
+    newtons, length = made.common.force * (made.e[:6] - given), made.common.length
+    inertia = motion.body.inertia.dense()
+    return ldl_solve(ldl(inertia, abs(np.diag(inertia))), concatenate([length * newtons[:3], newtons[3:]]))
 
 
 def _prices(made: Programme, found: Distributed) -> tuple[Array, Array]:
@@ -345,7 +357,7 @@ DISTRIBUTE = declare(
             "object_acceleration",
             Row("violation", (), "N", "by how much limits give way; all but 0 where they can be kept"),
             Row("missed", (), "m/s^2", "largest acceleration of a contact that its arm cannot follow, or of the object"
-                " that gives way"),
+                " that gives way or that no wrenches of the grasps can give"),
             Row("residual", (), "", "of the optimality conditions, relative"),
             Row("joint_price", ("n", 2), "", "decrease of the cost per unit by which the limit of a joint's"
                 " effort [N m, N] or acceleration [rad/s^2, m/s^2] is raised", labels=JOINT_LIMITS),
