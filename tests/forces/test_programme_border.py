@@ -136,7 +136,7 @@ def random_question(seed: int) -> tuple[Problem, Array, dict[str, Array], ForceC
 
 @pytest.mark.parametrize("seed", mostly_long(range(400), (*range(12), 289)))
 def test_random_questions(seed):
-    """Sixteen iterations reach 1e-6 but for two of 400; the cost is that of the reference, also where limits conflict."""
+    """Sixteen iterations reach 1e-6 but for two of 400; the cost is the reference's, even where limits conflict."""
     p, wanted, given, cost, task = random_question(seed)
     values = wanted if task is None else task @ wanted
     try:
