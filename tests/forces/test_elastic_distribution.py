@@ -19,7 +19,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import StateError
 from holdfast.forces import ForceCost, ForceLimits, distribution_parameters, grasp_margins
 from holdfast.forces.elastic_distribution import DISTRIBUTE, ElasticDistribution, distributed, programme
-from holdfast.forces.elastic_programme import solve
+from holdfast.forces.elastic_programme import ITERATIONS, solve
 from holdfast.model.wrench_condition import NORMAL
 from holdfast.questions.arrays import value_of
 from holdfast.questions.case import VariedCase
@@ -49,9 +49,9 @@ def case_of(chain: hf.ClosedChain, state: hf.State, acceleration: Array, inputs=
 
 
 @np.errstate(all="ignore")  # a step beyond the last digit may overflow; the iterate is kept
-def asked(*given, **more) -> ElasticDistribution:
+def asked(*given, iterations: int = ITERATIONS, **more) -> ElasticDistribution:
     """Return what the text that machine code runs says of floats."""
-    return ElasticDistribution(*distributed(case_of(*given, **more)))
+    return ElasticDistribution(*distributed(case_of(*given, **more), iterations))
 
 
 def numbers(found: ElasticDistribution) -> dict[str, Array]:
