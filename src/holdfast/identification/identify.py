@@ -18,12 +18,13 @@ from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.feasible_bodies import is_feasible
 from holdfast.identification.grasp_frames import fitting, measured_grasps
 from holdfast.identification.identification import Identification
+from holdfast.identification.load_recording import recording_of
 from holdfast.identification.machine.identify_machine import Machine, identify_machine, without_object
 from holdfast.identification.machine.prior import Prior
 from holdfast.identification.machine.unknowns import KINDS, required_kinds
 from holdfast.identification.motion_noise import motion_noise
 from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
-from holdfast.identification.recording import Recording, recording_of
+from holdfast.identification.recording import Recording
 from holdfast.io.result_reader import Result
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
