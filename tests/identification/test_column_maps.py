@@ -189,7 +189,7 @@ def test_masks_and_bad_rows(truth, chain, tmp_path):
     late = load_recording(path, chain, columns=drop | {"begin": 0.14, "end": 10.0})
     assert len(late) == (truth.t >= 0.14).sum()
     with pytest.raises(hf.errors.ResultError, match="line 6, stamp: expected increasing times"):
-        load_recording(path, chain, columns=MAP | {"end": 0.05})
+        load_recording(path, chain, columns=MAP | {"end": 0.06})
 
 
 @pytest.mark.parametrize(

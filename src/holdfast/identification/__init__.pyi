@@ -1,5 +1,7 @@
 """Identification: payload, links, drives, friction and sensors, from what was recorded."""
 
+from .assessment import Assessment as Assessment
+from .assessment import assess as assess
 from .base_parameters import base_parameters as base_parameters
 from .identification import Identification as Identification
 from .load_recording import load_recording as load_recording

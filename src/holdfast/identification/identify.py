@@ -180,6 +180,7 @@ def _of_machine(
 def _machine_result(found: Machine, frames: dict[str, Array]) -> Identification:
     """Return the result of a machine's estimate."""
     names, unsure = found.unknowns.names, found.kept | found.partly
+    before, slope = found.unknowns.plain(found.unknowns.start)
     sizes = np.where(unsure, np.inf, np.sqrt(np.maximum(np.diag(found.covariance), 0.0)))
     return Identification(
         chain=found.chain,
@@ -198,6 +199,9 @@ def _machine_result(found: Machine, frames: dict[str, Array]) -> Identification:
         misfit=found.fit.misfit,
         others=found.others,
         errors=found.fit.errors,
+        before=before,
+        believed=np.sqrt(((slope * found.unknowns.spread) ** 2).sum(axis=1)),
+        suspicions=found.suspicions,
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.errors import ResultError
+from holdfast.identification.machine.identify_machine import without_object
 from holdfast.identification.recording import FREE_BODIES, Recording
 from holdfast.identification.signals import prepared
 from holdfast.io.columns import NO_UNIT, array_columns
@@ -70,6 +71,8 @@ def load_recording(
         StateError: the arrays are not a valid recording, or too short for the `cutoff`.
         MissingExtra: the package that reads Parquet or MCAP files is not installed.
     """
+    checks.instance(chain, ClosedChain, "load_recording: chain")
+    chain = without_object(chain)
     serial_chain(chain, "load_recording: chain")
     checks.instance(columns, (RecordingTable, Mapping, type(None)), "load_recording: columns")
     path = file_path(path, "path")
