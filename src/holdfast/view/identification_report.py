@@ -58,8 +58,8 @@ def identification_page(found: Assessment, path: str | PathLike[str], title: str
         Section(
             "What is left",
             [
-                "Held out: the last third of each recording (or the recording that was named), predicted by a fit to the"
-                " rest. Slow residuals are friction or drift that the model does not have; white ones are noise."
+                "Held out: the last third of each recording, or the recording that was named, predicted by a fit to"
+                " the rest. Slow residuals are friction or drift that the model does not have; white ones are noise."
             ],
             ["channel", f"measured [{unit} rms]", "left by the fit", "held out"],
             residuals,

@@ -12,7 +12,8 @@ from holdfast.view.embedded import escaped
 from holdfast.view.inline import image
 
 STYLE = (
-    "body{font:15px/1.45 system-ui,sans-serif;color:#222;background:#fff;max-width:60rem;margin:2rem auto;padding:0 1rem}"
+    "body{font:15px/1.45 system-ui,sans-serif;color:#222;background:#fff;"
+    "max-width:60rem;margin:2rem auto;padding:0 1rem}"
     "h1{font-size:1.5rem;margin:0 0 .3rem}h2{font-size:1.1rem;margin:2rem 0 .5rem;border-bottom:1px solid #ddd}"
     "img{max-width:100%;display:block;margin:.5rem 0}table{border-collapse:collapse;margin:.5rem 0}"
     "td,th{padding:.15rem .8rem .15rem 0;text-align:right;font-variant-numeric:tabular-nums}"
