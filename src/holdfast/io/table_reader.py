@@ -228,7 +228,7 @@ def _read_npz(path: Path) -> Table:
                     faults[name] = f"{name}: expected an array of real numbers, got {array.dtype}"
                 elif array.ndim:
                     arrays[name] = array.astype(float)
-    except (zipfile.BadZipFile, EOFError, KeyError, NotImplementedError) as cause:
+    except (zipfile.BadZipFile, EOFError, KeyError, NotImplementedError, ValueError) as cause:
         raise ResultError(f"{path}: expected a NumPy archive, got something else; try np.savez") from cause
     if not arrays:
         raise ResultError(f"{path}: expected arrays with one entry or row for each sample, got none")

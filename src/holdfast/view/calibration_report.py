@@ -42,7 +42,7 @@ def calibration_page(found: Calibration, path: str | PathLike[str], title: str =
         [_title(name), *_milli(pair), *(_milli(later[name]) if name in later else ("", ""))]
         for name, pair in found.errors.items()
     ]
-    verdict = f"Bad fit: {found.notes[0]}." if found.notes else "Good fit: nothing to remark."
+    verdict = "Bad fit, for the reasons below." if found.notes else "Good fit: nothing to remark."
     sections = [
         Section("By what the fit is bad", found.notes),
         Section(
@@ -135,6 +135,8 @@ def _parameters(found: Calibration) -> Any:
                     panel.barh(place, 2 * size, left=-size, height=0.75, color="#e4e7ea")
             for told in (True, False):
                 chosen = np.array([(found.names[k] not in unsure) == told for k in of], bool)
+                if not chosen.any():
+                    continue
                 x, dx = PER_UNIT * found.values[of][chosen], PER_UNIT * bars[of][chosen]
                 colour = style.BLUE if told else style.ORANGE
                 label = "told by the postures" if told else "entirely or partly the model's"
