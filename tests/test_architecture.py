@@ -56,9 +56,9 @@ MAY_IMPORT = {
     "gym": USE | {"robots", "assembly"},
     "sweeps": USE | {"io", "scenario"},
     "codegen": USE | {"io"},
-    "view": FILES_AND_SCENES,
+    "view": FILES_AND_SCENES | {"identification", "calibration"},
     "plot": {"view"},
-    "cli": FILES_AND_SCENES | {"codegen", "sweeps", "view", "calibration", "holdfast"},
+    "cli": FILES_AND_SCENES | {"codegen", "sweeps", "view", "identification", "calibration", "holdfast"},
 }
 # imports inside functions, of what the room cannot know when it is loaded
 ON_CALL = {"io/result_reader.py": {"scenario"}, "sweeps/result.py": {"view"}}

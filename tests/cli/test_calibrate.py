@@ -38,5 +38,8 @@ def test_a_table_of_postures(tmp_path, cli):
     assert len(answer["values"]) == 6
     assert max(map(abs, answer["values"].values())) < 1e-5
     assert answer["notes"] == []
+    assert "calibration.html" in cli("calibrate", good, *options, "--seek", "bases", "--out", tmp_path / "out").out
+    page = (tmp_path / "out" / "calibration.html").read_text()
+    assert "Good fit" in page and page.count("data:image/png") == 2 and "http" not in page
     assert "times the given noise" in cli("calibrate", bad, *options, code=3).out
     assert "try hf.calibrate" in cli("calibrate", good, *options, "--seek", "sensors", code=2).err

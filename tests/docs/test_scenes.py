@@ -52,6 +52,14 @@ def holder(of: str) -> type[msgspec.Struct]:
         (outer,) = structs(typing.get_type_hints(scene.SceneTable)[path[1]])
         (found,) = structs(typing.get_type_hints(outer)[path[2]])
         return found
+    if top := re.fullmatch(r"`\[+(\w+)\]+`", of):
+        found = structs(typing.get_type_hints(scene.SceneTable)[top[1]])
+        return found[0] if len(found) == 1 else _of_keys(of)
+    return _of_keys(of)
+
+
+def _of_keys(of: str) -> type[msgspec.Struct]:
+    """Return the structure that the keys in a heading hold."""
     names = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", of))))
     if not names:
         return scene.SceneTable

@@ -13,7 +13,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast import load_urdf_trunk
-from holdfast.identification import Recording, base_parameters, load_recording
+from holdfast.identification import Recording, assess, base_parameters, load_recording
 from holdfast.interop import load_mjcf_trunk, to_mjcf
 from holdfast.sweeps import NearPose, Normal, Uniform
 from tests.fuzz.calls import Later, call, everything, fixed, rigid, state_of
@@ -195,6 +195,55 @@ def csv() -> str:
 @call("load_recording", text=Later(lambda: csv()))
 def _load_recording(text: Any) -> Any:
     return of_text(".csv", text, lambda path: load_recording(path, fixed().chain))
+
+
+MAPPED = {
+    "time": "t",
+    "time_unit": "s",
+    "bad_rows": "drop",
+    "begin": 0.0,
+    "arms": {
+        "arm1": {"position": {"columns": "a{1}", "unit": "deg", "sign": -1, "offset": 1.0, "scale": 2.0}},
+        "arm2": {"position": {"columns": ["b1", "b2", "b3", "b4", "b5", "b6"], "unit": ["rad"] * 6}},
+    },
+}
+
+
+def mapped_csv() -> str:
+    """Return a table with columns of its own."""
+    names = [*(f"a{k}" for k in range(1, 5)), *(f"b{k}" for k in range(1, 7))]
+    lines = [f"{0.1 * k},{','.join(str(0.1 * k * j) for j in range(10))}" for k in range(12)]
+    return "\n".join([",".join(["t", *names]), *lines])
+
+
+@call("load_recording by a map", text=Later(mapped_csv), columns=MAPPED)
+def _load_mapped(text: Any, columns: Any) -> Any:
+    return of_text(".csv", text, lambda path: load_recording(path, fixed().chain, columns=columns))
+
+
+@call("assess", recording=Later(recording), by="tau", unknowns=["payload", "friction"], loss="huber", noise=1e-3)
+def _assess(recording: Any, **given: Any) -> Any:
+    sound = isinstance(recording, dict) and {"t", "q"} <= set(recording) <= set(globals()["recording"]())
+    return str(assess(fixed().chain, Recording(**recording) if sound else recording, **given))
+
+
+@cache
+def postures() -> np.ndarray:
+    """Return joint positions of closed postures."""
+    return np.array(run().q[::4])
+
+
+@call(
+    "calibrate",
+    postures=Later(postures),
+    seek=["bases", "offsets:arm1"],
+    prior={"offsets": (0.01, 0.001)},
+    held_out=Later(postures),
+    robust=True,
+    largest_deviation=0.01,
+)
+def _calibrate(postures: Any, **given: Any) -> Any:
+    return str(hf.calibrate(fixed().chain, postures, **given))
 
 
 @call(

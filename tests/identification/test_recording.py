@@ -59,13 +59,15 @@ def test_csv_that_lacks_something(short, tmp_path):
     path = tmp_path / "run.csv"
     write(path, chain, short)
     whole = path.read_text()
+    head = whole[: whole.index("\n")]
     for changed, said in (
         (
             whole.replace("q left/joint3 [rad]", "q left/joint_3 [rad]", 1),
             "'q left/joint3'. Did you mean 'q left/joint_3'",
         ),
         (whole.replace("t [s]", "time", 1), "'t [s]'"),
-        (whole.replace("7.0", "seven", 1), "line 2, note: expected a number, got 'seven'"),
+        (head + whole[len(head) :].replace("0.0,", "nought,", 1), "line 2, t: expected a number, got 'nought'"),
+        (head + whole[len(head) :].replace("0.0,", ",", 1), "line 2, t: expected a finite number, got none"),
         (whole.replace(",7.0", "", 1), "line 2: expected"),
         (whole.replace("qd left/joint1 [rad/s]", "q left/joint1 [rad]", 1), "twice"),
         ("t [s]", "a line for each sample"),
@@ -74,6 +76,8 @@ def test_csv_that_lacks_something(short, tmp_path):
         with pytest.raises(hf.errors.ResultError) as raised:
             load_recording(path, chain)
         assert said in str(raised.value)
+    path.write_text(whole.replace("7.0", "seven"))
+    load_recording(path, chain)  # a column of texts that nobody asks for
     for name in ("run.txt", "absent.csv"):
         with pytest.raises(hf.errors.ResultError):
             load_recording(tmp_path / name, chain)

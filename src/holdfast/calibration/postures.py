@@ -12,7 +12,8 @@ import numpy as np
 from holdfast.errors import ResultError, StateError
 from holdfast.identification.recording import Recording
 from holdfast.io.files import file_path
-from holdfast.io.tables import read_table
+from holdfast.io.table_reader import read_table
+from holdfast.io.units import factor_to
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -143,25 +144,25 @@ def with_gaps(value: Any, what: str) -> Array:
 def load_postures(path: str | PathLike[str], chain: ClosedChain) -> Postures:
     """Return the postures in a table, with the column titles of `export_csv`: `q left/joint1 [rad]`.
 
-    The titles may also be the joints' names alone, `left/joint1`. A column `holds NAME` with 0 and 1 says in which
-    postures a grasp or loop was closed. Other columns are ignored.
+    The titles may also be the joints' names alone, `left/joint1`, and their units others, such as [deg]. A column
+    `holds NAME` with 0 and 1 says in which postures a grasp or loop was closed. Other columns are ignored.
 
     Args:
-        path: a file that ends in .csv or .parquet.
+        path: a file that ends in .csv, .parquet, .npz or .mcap.
         chain: the chain whose joints are named in the titles.
 
     Raises:
         ResultError: the file cannot be read, or lacks the column of a joint.
     """
     path = file_path(path, "path")
-    table = read_table(path)
-    columns = []
-    for name in chain.joint_names():
+    table, columns = read_table(path), []
+    for name, joint in zip(chain.joint_names(), chain.all_joints, strict=True):
         title = next((one for one in (f"q {name}", name) if one in table), None)
         if title is None:
-            raise ResultError(f"{path}: expected a column 'q {name}'.{checks.did_you_mean(f'q {name}', table)}")
-        columns.append(table[title])
-    holds = {name[6:]: column > 0.5 for name, column in table.items() if name.startswith("holds ")}
+            raise ResultError(f"{path}: expected a column 'q {name}'.{checks.did_you_mean(f'q {name}', table.names())}")
+        unit = "rad" if joint.turns else "m"
+        columns.append(table.column(title, gaps=True) * factor_to(unit, table.units.get(title, unit), title))
+    holds = {name[6:]: table.column(name) > 0.5 for name in table.names() if name.startswith("holds ")}
     return Postures(np.column_stack(columns), holds)
 
 

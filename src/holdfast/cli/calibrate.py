@@ -12,15 +12,19 @@ from holdfast.calibration.calibrate import Calibration
 from holdfast.calibration.calibrate import calibrate as calibration_of
 from holdfast.calibration.noise import ClosureNoise
 from holdfast.calibration.postures import load_postures
-from holdfast.cli.console import print_document, stdout
-from holdfast.cli.options import Changes, Format, Names, PackageOptions, Switch
+from holdfast.cli.console import print_document, refuse_standard, stdout
+from holdfast.cli.options import Changes, Folder, Format, Names, PackageOptions, Switch
 from holdfast.cli.results import opened_scene
 from holdfast.cli.streams import EXIT_REFUSED
 from holdfast.errors import SceneError
+from holdfast.io.files import make_folder
+from holdfast.view.calibration_report import calibration_page
+from holdfast.view.plots import write_figures
 
 PostureFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="POSTURES")]
 OtherFile = Annotated[Path | None, tyro.conf.arg(metavar="POSTURES")]
 ModelFile = Annotated[Path, tyro.conf.arg(metavar="SCENE")]
+PAGE = "calibration.html"
 
 
 def calibrate(
@@ -30,6 +34,7 @@ def calibrate(
     noise: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="TURN SHIFT JOINTS")] = None,
     held_out: OtherFile = None,
     robust: Switch = False,
+    out: Folder = None,
     format: Format = "table",
     changes: Changes = (),
     trust_xacro: Switch = False,
@@ -45,6 +50,7 @@ def calibrate(
         noise: standard deviations of closed angles [rad], closed lengths [m] and joints [rad or m]; estimated without.
         held_out: postures that are not used, but predicted.
         robust: let postures that fit badly count less.
+        out: folder for figures and one HTML page.
         format: a table, or one JSON document.
         changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
@@ -58,21 +64,32 @@ def calibrate(
         ResultError: a table cannot be read.
         StateError: the postures do not match the scene, or show too little.
     """
-    chain = opened_scene(model, trust_xacro, changes, packages).chain
+    refuse_standard(out)
+    scenario = opened_scene(model, trust_xacro, changes, packages)
+    chain = scenario.chain
     given = None if noise is None else ClosureNoise(*noise)
     later = None if held_out is None else load_postures(held_out, chain)
     sought = seek or ("bases", "grasps")
     if any(one.partition(":")[0] in ("markers", "sensors") for one in sought):
         raise SceneError("--seek: markers and sensors need measured poses, which tables do not have; try hf.calibrate")
     found = calibration_of(chain, load_postures(postures, chain), sought, noise=given, held_out=later, robust=robust)
+    written = [] if out is None else _write(found, out, f"Calibration of {scenario.name}")
     if format == "json":
-        print_document(_as_json(found))
+        print_document(_as_json(found, written))
     else:
-        stdout().print(str(found), soft_wrap=True, markup=False, highlight=False)
+        shown = "\n".join([str(found), *(f"look at {one}" for one in written)])
+        stdout().print(shown, soft_wrap=True, markup=False, highlight=False)
     return EXIT_REFUSED if found.notes else 0
 
 
-def _as_json(found: Calibration) -> dict[str, object]:
+def _write(found: Calibration, out: Path, title: str) -> list[str]:
+    """Write figures and the page, and return their paths, the page first."""
+    make_folder(out)
+    figures = calibration_page(found, out / PAGE, title)
+    return [str(out / PAGE), *(str(out / name) for name in write_figures(figures, out))]
+
+
+def _as_json(found: Calibration, files: list[str]) -> dict[str, object]:
     """Return the document that `--format json` prints; deviations that are infinite are null."""
     deviations = {name: x if np.isfinite(x) else None for name, x in found.deviations.items()}
     return {
@@ -83,4 +100,5 @@ def _as_json(found: Calibration) -> dict[str, object]:
         "held_out": {str(name): list(pair) for name, pair in (found.held_out or {}).items()},
         "misfit": found.misfit,
         "notes": list(found.notes),
+        "files": files,
     }

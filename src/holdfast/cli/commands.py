@@ -25,6 +25,7 @@ COMMANDS = {
     "solve": "solve",
     "diagnose": "diagnose",
     "calibrate": "calibrate",
+    "identify": "identify",
     "simulate": "simulate",
     "sweep": "sweep",
     "summary": "results",
@@ -36,7 +37,15 @@ COMMANDS = {
     "doctor": "doctor",
 }
 LONGEST_REFUSAL = 1000  # characters of the parser's, which repeats arguments in full
-REPEATABLE = ("--set", "--function", "--of", "--by", "--seek")  # options that may be given more than once
+REPEATABLE = (
+    "--set",
+    "--function",
+    "--of",
+    "--by",
+    "--seek",
+    "--unknowns",
+    "--prior",
+)  # options that may be given more than once
 MOVED_COMMANDS = {"bench": "try `python -m benchmarks.bench` in a clone of the repository"}
 
 

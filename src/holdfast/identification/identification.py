@@ -60,6 +60,9 @@ class Identification(Frozen):
     misfit: float
     others: Mapping[str, Array] = field(default_factory=dict)
     errors: ArrayField = field(default_factory=making(np.zeros, (0, 0)))
+    before: ArrayField = field(default_factory=making(np.zeros, 0))
+    believed: ArrayField = field(default_factory=making(np.zeros, 0))
+    suspicions: tuple[str, ...] = ()
 
     @property
     def held_object(self) -> HeldObject:

@@ -18,12 +18,13 @@ from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.feasible_bodies import is_feasible
 from holdfast.identification.grasp_frames import fitting, measured_grasps
 from holdfast.identification.identification import Identification
+from holdfast.identification.load_recording import recording_of
 from holdfast.identification.machine.identify_machine import Machine, identify_machine, without_object
 from holdfast.identification.machine.prior import Prior
 from holdfast.identification.machine.unknowns import KINDS, required_kinds
 from holdfast.identification.motion_noise import motion_noise
 from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
-from holdfast.identification.recording import Recording, recording_of
+from holdfast.identification.recording import Recording
 from holdfast.io.result_reader import Result
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -179,6 +180,7 @@ def _of_machine(
 def _machine_result(found: Machine, frames: dict[str, Array]) -> Identification:
     """Return the result of a machine's estimate."""
     names, unsure = found.unknowns.names, found.kept | found.partly
+    before, slope = found.unknowns.plain(found.unknowns.start)
     sizes = np.where(unsure, np.inf, np.sqrt(np.maximum(np.diag(found.covariance), 0.0)))
     return Identification(
         chain=found.chain,
@@ -197,6 +199,9 @@ def _machine_result(found: Machine, frames: dict[str, Array]) -> Identification:
         misfit=found.fit.misfit,
         others=found.others,
         errors=found.fit.errors,
+        before=before,
+        believed=np.sqrt(((slope * found.unknowns.spread) ** 2).sum(axis=1)),
+        suspicions=found.suspicions,
     )
 
 

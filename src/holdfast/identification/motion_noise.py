@@ -86,7 +86,7 @@ def motion_noise(
         samples = slice(first, first + int(kept.sum()))
         first = samples.stop
         nodes = _nodes(recording, kept)
-        part = _part(recording, nodes)
+        part = recording.part(nodes)
         at_nodes = _as_channels(chain, part, settings)
         for one in smoothed:
             for joint, spline in enumerate(one.splines):
@@ -115,12 +115,6 @@ def _nodes(recording: Recording, kept: Array) -> Array:
     ends = np.r_[np.arange(min(AT_ENDS, count)), np.arange(max(count - AT_ENDS, 0), count)]
     nodes = np.unique(np.r_[ends, np.linspace(0, count - 1, min(int(wanted), count)).round().astype(int)])
     return nodes[kept[nodes]] if kept[nodes].any() else np.flatnonzero(kept)[:1]
-
-
-def _part(recording: Recording, nodes: Array) -> Recording:
-    """Return a recording of some samples."""
-    arrays = {name: getattr(recording, name) for name in Recording.__dataclass_fields__ if name != "inputs"}
-    return replace(recording, **{name: x[nodes] for name, x in arrays.items() if x is not None})
 
 
 def _moved(recording: Recording, name: str, joint: int) -> Recording:

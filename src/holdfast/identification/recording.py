@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from holdfast.errors import ResultError, StateError
-from holdfast.io.columns import array_columns
-from holdfast.io.files import file_path, one_line, reason_of
-from holdfast.io.result_reader import Result, load_result
-from holdfast.io.save_run import meta_of
-from holdfast.io.tables import read_table
+from holdfast.errors import StateError
+from holdfast.io.result_reader import Result
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.serial_chain import serial_chain
 from holdfast.names import called
-from holdfast.simulation.setting import Setting
-from holdfast.simulation.trajectory import RUN_ARRAYS, Trajectory
+from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.frozen import NOT_GIVEN, REQUIRED, ArrayField, Frozen, OptionalArrayField
 from holdfast.state import Inputs, State
 
 FEWEST_SAMPLES = 8  # samples required by a spline of degree 7
 FREE_BODIES = ("object", "base")
 JOINT_ARRAYS = ("q", "qd", "qdd", "tau", "current", "used")
-OF_RECORDINGS = ("current", "wrist_force", "used", "inputs", "added")  # what runs do not have
+OF_RECORDINGS = ("current", "wrist_force", "used", "inputs", "added", "notes")  # what runs do not have
 
 
 @called
@@ -62,6 +55,7 @@ class Recording(Frozen):
         inputs: external wrenches and base motion, the same for all samples; zero by default.
         added: a known body that is fixed to the object in this recording, in object axes, for example a weight that
             tells the scale of torques; only `identify` with `unknowns` reads it.
+        notes: remarks of the reader, such as rows that it dropped.
     """
 
     t: ArrayField = REQUIRED
@@ -81,12 +75,16 @@ class Recording(Frozen):
     used: OptionalArrayField = NOT_GIVEN
     inputs: Inputs | None = None
     added: HeldObject | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "t", checks.vector(self.t, "recording: t", StateError))
         checks.instance(self.inputs, (Inputs, type(None)), "recording: inputs", StateError)
         checks.instance(self.added, (HeldObject, type(None)), "recording: added", StateError)
+        if not isinstance(self.notes, list | tuple) or not all(isinstance(note, str) for note in self.notes):
+            raise StateError("recording: notes: expected texts")
+        put(self, "notes", tuple(self.notes))
         samples = len(self.t)
         if not samples or (np.diff(self.t) <= 0.0).any():
             raise StateError("recording: t: expected increasing times of at least one sample")
@@ -112,6 +110,15 @@ class Recording(Frozen):
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def part(self, chosen: Any) -> Recording:
+        """Return some of the samples, by a mask, a slice or indices."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("inputs", "added", "notes")}
+        return replace(self, **{name: x[chosen] for name, x in arrays.items() if x is not None})
+
+    def with_notes(self, *notes: str) -> Recording:
+        """Return the recording with further remarks."""
+        return replace(self, notes=(*self.notes, *notes))
 
     @staticmethod
     def of_run(run: Trajectory | Result, inputs: Inputs | None = None) -> Recording:
@@ -154,56 +161,3 @@ class Recording(Frozen):
             return state
         twist = None if self.base_twist is None else self.base_twist[k]
         return replace(state, base_pose=self.base_pose[k], base_twist=twist)
-
-
-def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inputs | None = None) -> Recording:
-    """Return the recording of a chain in a file.
-
-    Tables have the column titles of `export_csv`: `t [s]`, `q left/joint1 [rad]`, `tau left/joint1 [N m]`,
-    `wrist_wrench left moment_x [N m]`, `object_pose qw` and so on; units may be omitted. Other columns are ignored. If
-    one column of an array is present, all of its columns are required.
-
-    Args:
-        path: a result folder, or a file that ends in .csv or .parquet.
-        chain: the chain whose arms and joints are named in the titles.
-        inputs: external wrenches and base motion of the recording, which files do not contain.
-
-    Raises:
-        ResultError: the file cannot be read, or lacks columns.
-        StateError: the arrays are not a valid recording.
-        MissingExtra: it is a Parquet file, and pyarrow is not installed.
-    """
-    serial_chain(chain, "load_recording: chain")
-    path = file_path(path, "path")
-    try:
-        folder = path.is_dir()
-    except OSError as cause:  # a name that is too long
-        raise ResultError(f"{one_line(str(path), 80)}: cannot be read: {reason_of(cause)}") from cause
-    if folder:
-        return Recording.of_run(load_result(path), inputs)
-    table = read_table(path)
-    if "t" not in table:
-        raise ResultError(f"{path}: expected a column 't [s]'.{checks.did_you_mean('t', table)}")
-    free = [f"{body}_{what}" for body in FREE_BODIES for what in ("pose", "twist", "acceleration")]
-    meta, names = meta_of(Setting(chain)), ("q", "qd", "qdd", "tau", "wrist_wrench", *free[: 6 if chain.floats else 3])
-    shapes = {name: RUN_ARRAYS[name].shape(chain) for name in names}
-    titles = {name: [column.name for column in array_columns(name, shapes[name], meta)] for name in names}
-    others = set(table) - {column for columns in titles.values() for column in columns}
-    found: dict[str, Any] = {}
-    for name, columns in titles.items():
-        present = [column for column in columns if column in table]
-        if not present and name != "q":
-            continue
-        if absent := [column for column in columns if column not in table]:
-            raise ResultError(
-                f"{path}: expected a column '{absent[0]}'.{checks.did_you_mean(absent[0], sorted(others))}"
-            )
-        found[name] = np.column_stack([table[column] for column in columns]).reshape(-1, *shapes[name])
-    return Recording(table["t"], **found, inputs=inputs)
-
-
-def recording_of(given: Any, chain: ClosedChain) -> Recording:
-    """Return the recording in a `Recording`, a run, a result, or the file at a path."""
-    if isinstance(given, Recording):
-        return given
-    return load_recording(given, chain) if isinstance(given, str | PathLike) else Recording.of_run(given)

@@ -22,6 +22,7 @@ from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ClosureError, SceneError, StateError
 from holdfast.io import typed
 from holdfast.io.files import LONGEST_NAME, file_path, one_line
+from holdfast.io.recording_table import RecordingTable
 from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -65,6 +66,7 @@ class Scenario:
         options: the other arguments of `simulate`, by keyword.
         trunk: the trunk as built, with the file it comes from; None without a trunk.
         sweep: the scene's sweep table, which lists what varies between runs; None without one.
+        recording: the scene's table of a recording's columns, for `load_recording`; None without one.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Scenario:
     options: dict[str, Any] = field(default_factory=dict)
     trunk: SceneTrunk | None = None
     sweep: SweepTable | None = None
+    recording: RecordingTable | None = None
 
     def __repr__(self) -> str:
         """Return the name, the chain, and how long and in which steps it is simulated."""
@@ -187,7 +190,8 @@ def build_scene(
     how = data.simulation
     controlled = Controlled(chain, state, how.sample_time)
     controller = controllers.controller(data.controller, controlled, at / "controller")
-    return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options, trunk, data.sweep)
+    others: dict[str, Any] = {"trunk": trunk, "sweep": data.sweep, "recording": data.recording}
+    return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options, **others)
 
 
 def build_robots(data: SceneTable, files: RobotFiles, at: Location) -> tuple[SceneTrunk | None, dict[str, Robot]]:

@@ -6,6 +6,7 @@ from typing import Literal
 
 import msgspec
 
+from holdfast.io.recording_table import RecordingTable
 from holdfast.model.closed_chain import STANDARD_GRAVITY
 from holdfast.model.grasp import GraspName
 from holdfast.model.joint import ArmJointName
@@ -334,7 +335,7 @@ class SceneTable(KeyTable):
     """A scene: the arms, their trunk if any, what they hold, grasps, a controller, and the simulation settings.
 
     Shapes of the `world` may touch the object. There is one `object`, or several `objects` by name, or none. `loops`
-    and `couplings` are those of the whole chain.
+    and `couplings` are those of the whole chain. `recording` says which columns of a measured motion are what.
     `packages` are the folders of packages by name to which robot files refer, relative to the scene's folder.
     """
 
@@ -352,6 +353,7 @@ class SceneTable(KeyTable):
     springs: list[SpringTable] = []
     world: list[WorldTable] = []
     sweep: SweepTable | None = None
+    recording: RecordingTable | None = None
     packages: dict[str, str] = {}
     gravity: Triple = STANDARD_GRAVITY
     name: str = ""

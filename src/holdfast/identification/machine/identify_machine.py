@@ -19,6 +19,7 @@ from holdfast.identification.machine.log_cholesky import body_at
 from holdfast.identification.machine.prior import Prior
 from holdfast.identification.machine.rows import MachineRows, channels, machine_rows
 from holdfast.identification.machine.unknowns import GAINS, KINDS, ON_JOINTS, MachineUnknowns, machine_unknowns
+from holdfast.identification.notes import notes_on_grasps
 from holdfast.identification.recording import Recording
 from holdfast.identification.suspicions import suspicions
 from holdfast.model import checks
@@ -53,6 +54,7 @@ class Machine:
         others: by kind, what the chain has no fields for.
         undetermined: sentences about what is not determined.
         notes: remarks.
+        suspicions: those of them that name columns which are likely to be wrong.
     """
 
     chain: ClosedChain
@@ -66,6 +68,7 @@ class Machine:
     others: Mapping[str, Array]
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
+    suspicions: tuple[str, ...] = ()
 
 
 def without_object(chain: ClosedChain) -> ClosedChain:
@@ -108,10 +111,14 @@ def identify_machine(
         )
     fit = machine_fit(rows, unknowns, channel_kinds(chain, by), noise, huber)
     found = machine_of(chain, unknowns, rows, fit, largest)
-    if by not in ("tau", "current") or rows.P.shape[1] != rows.P.shape[2]:
-        return found  # the model needs no torques in particular
-    needed = rows.y - errors_at(rows, unknowns, unknowns.start, np.ones(rows.y.shape[1]))
-    return replace(found, notes=(*suspicions(chain, recordings, by, rows.y, needed), *found.notes))
+
+    def needs(given: Sequence[Recording]) -> MachineRows:
+        return machine_rows(chain, moving(chain, given), unknowns)
+
+    apart = notes_on_grasps(chain, whole, {}) if chain.grasps else []
+    doubts = (*suspicions(chain, whole, unknowns, rows, needs), *apart)
+    of_files = [note for one in recordings for note in one.notes]
+    return replace(found, suspicions=doubts, notes=(*doubts, *of_files, *found.notes))
 
 
 def channel_kinds(chain: ClosedChain, by: str) -> Array:

@@ -1,0 +1,157 @@
+"""`holdfast identify`: payload, links, friction, drives and sensors of a scene, from recordings of a robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+from holdfast.cli.console import is_standard, print_document, refuse_standard, stdout
+from holdfast.cli.options import Changes, Folder, Format, Names, PackageOptions, Switch
+from holdfast.cli.results import opened_scene
+from holdfast.cli.streams import EXIT_REFUSED
+from holdfast.errors import SceneError
+from holdfast.identification.assessment import Assessment, assess
+from holdfast.identification.load_recording import load_recording
+from holdfast.identification.machine.prior import Prior
+from holdfast.identification.recording import Recording
+from holdfast.io.files import make_folder, one_line
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.scenario.build import Scenario
+from holdfast.view.identification_report import identification_page
+from holdfast.view.plots import write_figures
+
+RecordingFiles = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING ...")]
+OtherRecording = Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")]
+ModelFile = Annotated[Path, tyro.conf.arg(metavar="SCENE")]
+Deviations = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="KIND=DEVIATION")]
+MEASURED = ("tau", "current", "wrist_wrench", "wrist_force")
+PAGE = "identification.html"
+
+
+def identify(
+    recordings: RecordingFiles,
+    model: ModelFile,
+    by: Literal["tau", "current", "wrist_wrench", "wrist_force"] | None = None,
+    unknowns: Names = (),
+    prior: Deviations = (),
+    held_out: OtherRecording = None,
+    robust: Switch = False,
+    out: Folder = None,
+    format: Format = "table",
+    changes: Changes = (),
+    trust_xacro: Switch = False,
+    packages: PackageOptions = (),
+) -> int:
+    """Estimate payload, links, friction, drives or sensors of a scene from recordings, and say how good the fit is.
+
+    Args:
+        recordings: .csv, .parquet, .npz, .mcap or result folders; by default that of the scene's [recording] table,
+            which says what columns mean.
+        model: the scene with the arms, grasps and object, and perhaps a [recording] table.
+        by: what is measured; by default the first of tau, current, wrist_wrench, wrist_force that was recorded.
+        unknowns: payload, links, armature, damping, friction, friction_offset, friction_asymmetry, drive_gain,
+            sensor_offset, sensor_scale, sensor_drift or time_offset; may be repeated; by default payload (if held) and
+            friction or sensor offsets.
+        prior: standard deviation of a kind of unknowns about the model, such as links=0.1; may be repeated.
+        held_out: a recording that is not used, but predicted; by default the last third of each.
+        robust: let samples that are far off count less.
+        out: folder for figures and one HTML page.
+        format: a table, or one JSON document.
+        changes: set a key of the scene, such as recording.cutoff=10; may be repeated.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
+        packages: the folder of a package that a robot's file refers to; may be repeated.
+
+    Returns:
+        0, or 3 if the fit is bad: the lines `bad fit: ...` say by which criterion.
+
+    Raises:
+        SceneError: the scene is invalid.
+        ResultError: a recording cannot be read, or a column is wrong.
+        StateError: a recording does not match the scene, or shows too little.
+    """
+    refuse_standard(out)
+    scenario = opened_scene(model, trust_xacro, changes, packages)
+    files = recordings or _of_scene(scenario, model)
+    read = [load_recording(file, scenario.chain, columns=scenario.recording) for file in files]
+    later = None if held_out is None else load_recording(held_out, scenario.chain, columns=scenario.recording)
+    measured = by or next((one for one in MEASURED if all(getattr(x, one) is not None for x in read)), None)
+    if measured is None:
+        raise SceneError(f"{files[0]}: expected torques, currents, or forces at wrists; got positions only")
+    found = assess(
+        scenario.chain,
+        read,
+        by=measured,
+        unknowns=unknowns or _usual(scenario.chain, measured),
+        held_out=later,
+        prior=_prior(prior),
+        loss="huber" if robust else "squares",
+    )
+    written = [] if out is None else _write(found, out, f"Identification of {scenario.name}")
+    if format == "json":
+        print_document(_as_json(found, read, written))
+    else:
+        stdout().print("\n".join([str(found), *(f"look at {one}" for one in written)]), soft_wrap=True, markup=False)
+    return EXIT_REFUSED if found.criteria else 0
+
+
+def _of_scene(scenario: Scenario, model: Path) -> tuple[Path, ...]:
+    """Return the recording that a scene names."""
+    if scenario.recording is None or scenario.recording.file is None:
+        raise SceneError("Missing: RECORDING; expected a file, or recording.file in the scene")
+    return ((Path() if is_standard(model) else model.parent) / scenario.recording.file,)
+
+
+def _usual(chain: ClosedChain, by: str) -> tuple[str, ...]:
+    """Return what is sought by default."""
+    held = ("payload",) if chain.grasps else ()
+    if by in ("tau", "current"):
+        gains = ("drive_gain",) if by == "current" else ()
+        return (*held, "damping", "friction", "friction_offset", *gains)
+    return (*held, "sensor_offset")
+
+
+def _prior(given: tuple[str, ...]) -> Prior:
+    """Return the prior in texts `kind=deviation`."""
+    known, values = list(Prior.__dataclass_fields__), dict[str, float]()
+    for one in given:
+        kind, _, value = one.partition("=")
+        if kind not in known:
+            raise SceneError(f"--prior: no kind '{one_line(kind, 60)}'.{checks.did_you_mean(kind, known)}")
+        try:
+            values[kind] = float(value)
+        except ValueError as cause:
+            raise SceneError(f"--prior: {kind}: expected a number, got '{one_line(value, 60)}'") from cause
+    return Prior(**values)
+
+
+def _write(found: Assessment, out: Path, title: str) -> list[str]:
+    """Write figures and the page, and return their paths, the page first."""
+    make_folder(out)
+    figures = identification_page(found, out / PAGE, title)
+    return [str(out / PAGE), *(str(out / name) for name in write_figures(figures, out))]
+
+
+def _as_json(found: Assessment, read: list[Recording], files: list[str]) -> dict[str, Any]:
+    """Return the document that `--format json` prints; deviations that are infinite are null."""
+    made = found.found
+    held = None if found.held_out is None else dict(zip(found.channels, found.held_out.tolist(), strict=True))
+    return {
+        "by": found.by,
+        "samples": [len(one) for one in read],
+        "values": dict(zip(made.names, made.values.tolist(), strict=True)),
+        "deviations": {name: x if np.isfinite(x) else None for name, x in made.deviations.items()},
+        "before": dict(zip(made.names, made.before.tolist(), strict=True)),
+        "kept": list(made.kept),
+        "partly": list(made.partly),
+        "undetermined": list(made.undetermined),
+        "fitted": dict(zip(found.channels, found.fitted.tolist(), strict=True)),
+        "held_out": held,
+        "misfit": made.misfit,
+        "criteria": list(found.criteria),
+        "notes": list(made.notes),
+        "files": files,
+    }
