@@ -197,6 +197,7 @@ def _machine_result(found: Machine, frames: dict[str, Array]) -> Identification:
         misfit=found.fit.misfit,
         others=found.others,
         errors=found.fit.errors,
+        freedoms=found.fit.freedoms,
     )
 
 
