@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 from scipy.stats import beta, chi2
+from scipy.stats import f as fisher
 from tests.calibration.cells import JOINTS, SHIFT, TURN, Cell, cell, distance, share_found, sought
 from tests.calibration.planted import CASES
 
@@ -23,7 +24,10 @@ LEVEL = 0.9
 def inside(one: Cell, found: hf.calibration.Calibration) -> bool:
     """Return whether the truth is in the 90 % region."""
     squared, dimensions = distance(one, found)
-    return bool(squared < chi2.ppf(LEVEL, dimensions))
+    nu = found.freedoms
+    return bool(
+        squared < (chi2.ppf(LEVEL, dimensions) if np.isinf(nu) else dimensions * fisher.ppf(LEVEL, dimensions, nu))
+    )
 
 
 def share(hits: list[bool]) -> str:
@@ -56,7 +60,10 @@ def main(cells: int = 1000, planted: int = 50) -> None:
             more += found.fitted.null.shape[1] > len(directions)
             held.append(inside(one, found))
         hits = int((np.array(cosines) > 0.99).sum())
-        print(f"{name:<22} {planted:>5} {hits:>6}  {min(cosines):>12.5f}  {more:>17}  {share(held)}", flush=True)
+        print(
+            f"{name:<22} {planted:>5} {hits:>6}  {min(cosines, default=1.0):>12.5f}  {more:>17}  {share(held)}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

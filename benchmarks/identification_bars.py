@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import chi2
+from scipy.stats import f as fisher
 from tests.identification.recorded import BOX, recorded, two_pandas
 
 import holdfast as hf
@@ -172,15 +173,15 @@ def synthetic(seeds: int, rate: float) -> bool:
             inside, each = [], []
             for one, error in zip(found, errors, strict=True):
                 C = one.covariance[np.ix_(of, of)]
-                inside.append(float(error[of] @ np.linalg.solve(C, error[of])) < chi2.ppf(LEVEL, len(of)))
+                squared = float(error[of] @ np.linalg.solve(C, error[of]))
+                inside.append(squared < len(of) * fisher.ppf(LEVEL, len(of), one.fit.freedoms))
                 each.append(error[of] ** 2 < chi2.ppf(LEVEL, 1) * np.diag(C))
             size = relative(name, rms[of], right[of])
             if name == "friction":
                 size += f"; of its torque {100 * rubbed(given, errors, unknowns):.2f} %"
             print(f"{name:10} {ratio:17.3f}   {100 * np.mean(inside):10.1f} %   {100 * np.mean(each):12.1f} %   {size}")
-            if name != "inertia":
-                met &= kind != "white" or ratio <= 1.15
-                met &= WITHIN[0] <= float(np.mean(each)) <= WITHIN[1]
+            met &= name == "inertia" or kind != "white" or ratio <= 1.15
+            met &= all(WITHIN[0] <= float(np.mean(one)) <= WITHIN[1] for one in (inside, each))
         if kind == "white":
             mass, com = 100 * rms[0] / right[0], 1e3 * rms[1:4].max()
             met &= bool(mass <= 0.5) and bool(com <= 2.0)

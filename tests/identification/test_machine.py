@@ -8,14 +8,15 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
+from scipy.signal import lfilter
 
 import holdfast as hf
 from holdfast.dynamics import inertial_parameters
 from holdfast.errors import ModelError, StateError
 from holdfast.identification import Prior, Recording, measurement_errors
 from holdfast.identification.feasible_bodies import is_feasible
-from holdfast.identification.machine.coloured_noise import autoregression
-from holdfast.identification.machine.log_cholesky import body_at, coordinates_of, reference_factor
+from holdfast.identification.machine.coloured_noise import autoregressions
+from holdfast.identification.machine.log_cholesky import body_at, coordinates_of, no_thinner, reference_factor
 from holdfast.robots import HOME, panda
 from holdfast.simulation.joint_friction import friction_torque
 from tests.identification.recorded import BOX, recorded, two_pandas
@@ -71,12 +72,76 @@ def test_a_filter_of_an_autoregression_has_the_covariance_of_its_noise():
     noise = np.zeros(20000)
     for k, push in enumerate(random.normal(size=20000)):
         noise[k] = a * noise[k - 1] + push
-    process = autoregression([noise[:9000], noise[9000:]])
+    errors, parts = noise[:, None] / noise.std(), [slice(0, 9000), slice(9000, 20000)]
+    (process,), size = autoregressions(errors, np.zeros((20000, 1, 1)), np.array([20000.0]), np.ones(1), parts)
+    assert size == pytest.approx(1.0, rel=0.01)
     assert process.slow_noise == pytest.approx((1 + a) / (1 - a), rel=0.1)
     B = random.normal(size=(400, 3))
     wanted = B.T @ toeplitz(a ** np.arange(400.0)) @ B
     found = process.filtered(B)
     assert np.allclose(found.T @ found, wanted, atol=0.15 * np.abs(np.diag(wanted)).max())
+
+
+def test_slow_noise_is_found_although_slow_unknowns_explain_much_of_it():
+    """A trend of twelve slow sines is fitted to slow noise; what is left of it shows less than there is."""
+    random, a, samples, found, plain = np.random.default_rng(2), 0.9, 600, [], []
+    t = np.arange(samples) / samples
+    trend = np.array([f(2 * np.pi * k * t) for k in range(1, 7) for f in (np.sin, np.cos)]).T
+    for _ in range(30):
+        noise = lfilter([np.sqrt(1 - a * a)], [1, -a], random.normal(size=samples + 200))[200:]
+        left = noise - trend @ np.linalg.lstsq(trend, noise, rcond=None)[0]
+        for slopes, to in ((trend[:, None, :], found), (0.0 * trend[:, None, :1], plain)):
+            known = 1e-9 * np.ones(slopes.shape[2]) if slopes.any() else np.ones(1)
+            (one,), size = autoregressions(left[:, None], slopes, np.array([600.0]), known, [slice(0, samples)])
+            to.append(size * one.slow_noise)
+    right = (1 + a) / (1 - a)
+    assert np.mean(found) == pytest.approx(right, rel=0.1)
+    assert np.mean(plain) < 0.75 * right  # the same residuals without this
+
+
+def test_channels_have_one_process_unless_they_differ():
+    """Two channels of the same colour share coefficients; a white and a slow one do not."""
+    random = np.random.default_rng(3)
+    white = random.normal(size=(2000, 2))
+    slow = lfilter([np.sqrt(1 - 0.64)], [1, -0.8], white, axis=0)
+    for both, same in ((slow, True), (np.column_stack([white[:, 0], slow[:, 1]]), False)):
+        first, second = autoregressions(both, np.zeros((2000, 2, 1)), np.full(2, 2e3), np.ones(1), [slice(0, 2000)])[0]
+        assert (first is second) == same
+
+
+def test_a_thin_estimate_is_not_known_to_be_thin():
+    """Away from the bound of possible bodies, slopes are those of a body as extended as the model."""
+    theta = np.array([-5.0, 0.3, 0.1, 0.2, *np.zeros(6)])
+    pseudo = np.linalg.eigvalsh(factor(no_thinner(theta, 1.0)))
+    assert pseudo.min() == pytest.approx(1.0)
+    thick = np.array([0.3, 0.2, 0.1, 0.4, *np.zeros(6)])
+    assert np.allclose(no_thinner(thick, 1.0), thick)
+
+
+def factor(theta: np.ndarray) -> np.ndarray:
+    """Return T T^T of log-Cholesky coordinates."""
+    T = np.diag(np.exp(theta[:4]))
+    for value, place in zip(theta[4:], [(1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2)], strict=True):
+        T[place] = value
+    return T @ T.T
+
+
+def test_a_joint_region_holds_its_estimate_and_not_what_is_far_off():
+    """Regions of one and of all values; names that are unknown or not determined are refused."""
+    exact = rubbing()
+    assert exact.tau is not None
+    noise = 0.2 * np.random.default_rng(4).normal(size=exact.tau.shape)
+    found = hf.identify(BARE, replace(exact, tau=exact.tau + noise), by="tau", unknowns=OF_JOINTS)
+    own = dict(zip(found.names, found.values.tolist(), strict=True))
+    name = found.names[0]
+    assert found.holds(own) and found.freedoms > 10.0
+    assert not found.holds(own | {name: own[name] + 10.0 * found.deviations[name]})
+    assert found.holds({name: own[name] + 1.6 * found.deviations[name]})
+    assert not found.holds({name: own[name] + 1.8 * found.deviations[name]})
+    with pytest.raises(ModelError, match="there is no 'x'"):
+        found.holds({"x": 0.0})
+    with pytest.raises(ModelError, match="probability below 1"):
+        found.holds(own, level=1.0)
 
 
 def test_drives_and_friction_of_an_arm_that_holds_nothing():

@@ -20,6 +20,7 @@ from holdfast.calibration.problem import Problem, evaluated, whitened
 from holdfast.calibration.words import not_determined
 from holdfast.errors import ModelError, StateError
 from holdfast.identification.base_parameters import parts_kept
+from holdfast.identification.joint_region import in_region
 from holdfast.identification.notes import POORLY
 from holdfast.identification.recording import Recording
 from holdfast.model import checks
@@ -53,7 +54,9 @@ class Calibration(Frozen):
             still open after the fit; an object's pose is the one that fits best.
         held_out: the same for the postures that were held out; None if there were none.
         residuals: (postures, rows) the open angles and lengths; NaN where a closure did not hold.
-        noise: standard deviations by channel, which weight the rows [rad or m].
+        noise: standard deviations by channel, which weight the rows [rad or m]; if they were estimated, also those of
+            the positions of turning and of sliding joints.
+        freedoms: degrees of freedom by which estimated noise widens joint regions; infinite if it was given.
         misfit: mean square of the residuals in units of the noise; far above 1 if the noise was given too small or the
             unknowns do not explain the postures. 1 if the noise was estimated.
         weights: (postures,) weights of the postures; below 1 only with robust=True.
@@ -77,6 +80,7 @@ class Calibration(Frozen):
     held_out: Mapping[Any, tuple[float, float]] | None
     residuals: Array
     noise: Mapping[str, float]
+    freedoms: float
     misfit: float
     weights: Array
     markers: Mapping[str, Pose]
@@ -103,6 +107,19 @@ class Calibration(Frozen):
         lines += [f"held out, {_title(name)}: {_errors(*pair)}" for name, pair in (self.held_out or {}).items()]
         lines.append(f"misfit {self.misfit:.3g}: mean square of the residuals, in units of the noise")
         return "\n".join([*lines, *self.undetermined, *(f"note: {note}" for note in self.notes)])
+
+    def holds(self, values: Mapping[str, float], level: float = 0.9) -> bool:
+        """Return whether corrections lie in the joint region of the estimates, as `Identification.holds`. O(k^3).
+
+        Args:
+            values: k corrections by name.
+            level: probability with which the region holds the truth.
+
+        Raises:
+            ModelError: a name is unknown or not determined, or the level is not between 0 and 1.
+        """
+        estimate = dict(zip(self.names, self.values.tolist(), strict=True))
+        return in_region(estimate, self.covariance, self.freedoms, values, level, (*self.kept, *self.partly))
 
     def urdf_origins(self) -> dict[str, tuple[Array, Array]]:
         """Return xyz (3,) [m] and rpy (3,) [rad] of every joint's frame on its parent link, by `arm/joint`.
@@ -157,9 +174,9 @@ def calibrate(
             "offsets:left/joint2"; of joints, also "offsets:left".
         prior: by group, or by `group:name`, the standard deviation of the model's values: one number [rad and m], or a
             pair for turns and shifts. The values of others are not known beforehand.
-        noise: standard deviations of the errors. With None, those of angles and lengths of all closures, and of every
-            measurement, are estimated from the residuals, and covariances are increased if residuals of successive
-            postures depend on each other.
+        noise: standard deviations of the errors. With None, those of angles and lengths of all closures, of every
+            measurement, and of the positions of all joints, are estimated from the residuals, and covariances are
+            increased if residuals of successive postures depend on each other.
         held_out: postures that are not used, for `Calibration.held_out`.
         robust: whether postures whose residuals exceed the noise count less, by Huber's weights.
         largest_deviation: a direction without a prior is estimated if its standard deviation is below this [rad or m].
@@ -266,7 +283,8 @@ def _calibration(chain: ClosedChain, problem: Problem, found: Fit, held_out: Any
         errors=_rms(layout, found.residuals),
         held_out=None,
         residuals=found.residuals,
-        noise=dict(zip(problem.channels[0], found.noise.tolist(), strict=True)),
+        noise=dict(zip([*problem.channels[0], *problem.joint_channels[0]], found.noise.tolist(), strict=True)),
+        freedoms=found.freedoms,
         misfit=found.misfit,
         weights=found.weights,
         markers=_of(poses, "marker "),

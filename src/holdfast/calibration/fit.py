@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.calibration.estimated_noise import estimated_variances, freedoms_of_noise, require_shown
 from holdfast.calibration.geometry import OpenGaps, adjusted
 from holdfast.calibration.problem import RELATIVE_ROUNDING, FitPoint, Problem, Whitened, evaluated, whitened
-from holdfast.errors import StateError
 from holdfast.identification.estimate import autocorrelation_of, huber_weights
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
@@ -23,8 +23,6 @@ from holdfast.spatial.scalar import Array
 MOST_GAUSS_NEWTON, MOST_SHORTENINGS, MOST_WEIGHINGS, MOST_NULLS = 50, 12, 15, 4
 FREE_SPREAD = 100.0  # sizes, the standard deviation of a free fit's unknowns: 1 rad, 1 m
 LEAST_DECREASE = 1e-7  # decrease of the sum of squares, in variances, that ends the iteration
-LEAST_DEVIATION = 1e-9  # [rad or m] of estimated noise
-LEAST_SHOWN = 0.1  # share of a channel's rows that must be left to show its noise
 SAME_SPACE = 1e-2  # sine of the angle between subspaces that count as one
 CALM = 0.02  # relative change of variances and weights that ends the rounds
 FEWEST_IN_ORDER = 16  # postures in which neighbours may be found to depend on each other
@@ -41,7 +39,8 @@ class Fit(Frozen):
         null: (p, d) orthonormal directions, in sizes, that keep the model's values.
         weak: (p, d) directions of which the rows tell less than the size or the prior does.
         residuals: (postures, rows) gaps after the fit; NaN where a closure did not hold.
-        noise: (channels,) standard deviations.
+        noise: (channels,) standard deviations; then, if they were estimated, those of joints.
+        freedoms: degrees of freedom by which estimated noise widens regions; infinite if it was given.
         misfit: mean square of whitened residuals.
         widening: by which the covariance was multiplied because neighbouring residuals depend on each other.
         weights: (postures,) weights of the postures; 1 unless robust.
@@ -56,6 +55,7 @@ class Fit(Frozen):
     weak: Array
     residuals: Array
     noise: Array
+    freedoms: float
     misfit: float
     widening: float
     weights: Array
@@ -82,10 +82,12 @@ def fit(problem: Problem) -> Fit:
     weights, variances = np.ones(len(problem.q)), problem.first_variances()
     at, nothing, widening, calm = problem.start(np.zeros(p)), np.zeros((p, 0)), 1.0, False
     free = solved(problem, at, variances, weights, nothing, wide)
+    if problem.noise is None:
+        require_shown(problem, free.at, wide)
     for _ in range(MOST_WEIGHINGS):
         at, calm = free.at, True
         if problem.noise is None:
-            estimated = _variances(problem, free.white, variances, wide)
+            estimated = estimated_variances(problem, at, variances, weights, wide)
             calm = calm and bool((np.abs(np.log(estimated / variances)) < CALM).all())
             variances = estimated
         if problem.robust:
@@ -119,6 +121,9 @@ def fit(problem: Problem) -> Fit:
         weak=weak_directions(H),
         residuals=np.where(problem.active_rows, evaluated(problem, found.at).gaps, np.nan),
         noise=np.sqrt(variances),
+        freedoms=np.inf
+        if problem.noise is not None
+        else freedoms_of_noise(problem, found.white, spread, kept) / widening,
         misfit=squares / max(freedoms, 1),
         widening=widening,
         weights=weights,
@@ -191,25 +196,6 @@ def complement(basis: Array) -> Array:
 def same_space(a: Array, b: Array) -> bool:
     """Return whether two orthonormal bases span nearly the same space."""
     return a.shape == b.shape and bool(np.linalg.norm(b - a @ (a.T @ b)) < SAME_SPACE)
-
-
-def _variances(problem: Problem, white: Whitened, variances: Array, prior: Array) -> Array:
-    """Return the variance of every channel: its squared residuals over the share of its noise that they show."""
-    names, channel = problem.channels
-    slopes, spread = white.still, np.linalg.inv(white.information + np.diag(prior))
-    shown = problem.active_rows - (white.U**2).sum(axis=2) - np.einsum("kia,ab,kib->ki", slopes, spread, slopes)
-    found = variances.copy()
-    for k in range(len(names)):
-        mine = channel == k
-        count = int(problem.active_rows[:, mine].sum())
-        left = float(shown[:, mine].sum())
-        if left < LEAST_SHOWN * count:
-            raise StateError(
-                f"calibrate: noise: expected postures that show it, but the unknowns explain all but {left:.2g} of"
-                f" {count} rows of {names[k]}; try noise=ClosureNoise(...), a prior, fewer unknowns or more postures"
-            )
-        found[k] = max(variances[k] * float((white.left[:, mine] ** 2).sum()) / left, LEAST_DEVIATION**2)
-    return found
 
 
 def _huber(problem: Problem, white: Whitened, weights: Array) -> Array:

@@ -25,6 +25,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
+JOINT_CHANNELS = ("joints turn", "joints shift")
 UNKNOWN_NOISE = 1e-3  # [rad or m] before it is estimated
 RELATIVE_ROUNDING = 1e-11  # singular values below this, relative to the largest one, are rounding
 
@@ -72,6 +73,23 @@ class Problem(Frozen):
         return names, np.array([names.index(one) for one in labels])
 
     @property
+    def joint_channels(self) -> tuple[list[str], Array]:
+        """Names of the channels of the joints' noise, if it is to be estimated, and that of every freedom, or -1."""
+        kind = self._kind_of_freedom
+        names = [name for name in JOINT_CHANNELS if self.noise is None and (kind == name).any()]
+        return names, np.array([names.index(one) if one in names else -1 for one in kind.tolist()], dtype=int)
+
+    @property
+    def _kind_of_freedom(self) -> Array:
+        kinds: list[str] = []
+        for body in self.layout.bodies:
+            if body.joint is not None and body.joint.type.quaternion:
+                kinds += [""] * 3
+            elif body.joint is not None:
+                kinds.append(JOINT_CHANNELS[int(not body.joint.type.turns)])
+        return np.array(kinds)
+
+    @property
     def active_rows(self) -> Array:
         """(postures, rows) whether each row counts."""
         return self.active[:, [m for m, _ in self.rows]]
@@ -92,11 +110,19 @@ class Problem(Frozen):
         return np.isnan(self.q)[:, at] & (at >= 0)
 
     def first_variances(self) -> Array:
-        """Return the variances of the channels that are given, or those with which to begin."""
+        """Return the variances of the channels that are given, or those with which to begin; then those of joints."""
         names, _ = self.channels
         if self.noise is None:
-            return np.full(len(names), UNKNOWN_NOISE**2)
+            return np.full(len(names) + len(self.joint_channels[0]), UNKNOWN_NOISE**2)
         return np.array([(self.noise.turn if name.endswith("turn") else self.noise.shift) ** 2 for name in names])
+
+    def joint_deviations(self, variances: Array) -> Array:
+        """Return the standard deviations of the joints' noise, (n_v,), with variances as in `first_variances`."""
+        names, channel = self.joint_channels
+        if self.noise is not None:
+            return np.broadcast_to(self.noise.joints, len(channel))
+        of = np.append(np.sqrt(variances[len(variances) - len(names) :]), 0.0)
+        return of[channel]
 
     def start(self, x: Array) -> FitPoint:
         """Return where the iteration begins: joints that were not measured at 0, free bodies where closures hold."""
@@ -136,6 +162,8 @@ class Whitened:
         inverse: (postures, y, rows) pseudoinverse of N.
         still: (postures, rows, p) and
         left: (postures, rows) J and e without what y moves.
+        sources: (postures, rows, channels' rows + freedoms) what one standard deviation of every gap, and of every
+            joint, changes.
     """
 
     e: Array
@@ -145,6 +173,7 @@ class Whitened:
     inverse: Array
     still: Array
     left: Array
+    sources: Array
 
     @property
     def information(self) -> Array:
@@ -185,12 +214,10 @@ def whitened(problem: Problem, here: OpenGaps, variances: Array, weights: Array)
     used = problem.active_rows
     _, channel = problem.channels
     unmeasured = problem.unmeasured
-    S = variances[channel] * np.eye(len(channel))
-    if problem.noise is not None and problem.noise.joints.any():
-        sigma = np.where(unmeasured, 0.0, np.broadcast_to(problem.noise.joints, unmeasured.shape[1:]))
-        noisy = np.where(used[:, :, None], here.joints * sigma[:, None, :], 0.0)
-        S = S + noisy @ np.swapaxes(noisy, 1, 2)
-    L = np.linalg.cholesky(np.broadcast_to(S, (len(used), *S.shape[-2:])))
+    own = np.broadcast_to(np.diag(np.sqrt(variances[channel])), (len(used), len(channel), len(channel)))
+    of_joints = here.joints * np.where(unmeasured, 0.0, problem.joint_deviations(variances))[:, None, :]
+    sources = np.concatenate([own, np.where(used[:, :, None], of_joints, 0.0)], axis=2)
+    L = np.linalg.cholesky(sources @ np.swapaxes(sources, 1, 2))
     some = np.flatnonzero(unmeasured.any(axis=0))
     moved = np.concatenate([here.free, np.where(unmeasured[:, None, some], here.joints[:, :, some], 0.0)], axis=2)
     p = len(problem.sizes)
@@ -204,4 +231,4 @@ def whitened(problem: Problem, here: OpenGaps, variances: Array, weights: Array)
     across = np.swapaxes(U, 1, 2)
     inverse = np.swapaxes(V, 1, 2) @ (np.where(told, 1.0 / np.where(told, s, 1.0), 0.0)[:, :, None] * across)
     left = e - (U @ (across @ e[:, :, None]))[:, :, 0]
-    return Whitened(e, J, N, U, inverse, J - U @ (across @ J), left)
+    return Whitened(e, J, N, U, inverse, J - U @ (across @ J), left, np.linalg.solve(L, sources))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from holdfast.identification.joint_region import in_region
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.names import called
@@ -42,6 +43,8 @@ class Identification(Frozen):
             "drive_gain", "sensor_offset", "sensor_scale", "sensor_drift", "time_offset".
         errors: (samples, channels) the smallest errors of the measurements that explain the residuals; for an arm
             that holds nothing, and for a single arm, measured minus predicted torques. Empty without `unknowns`.
+        freedoms: degrees of freedom from which the noise was estimated with `unknowns`; infinite if it was given, or
+            without `unknowns`.
     """
 
     chain: ClosedChain
@@ -63,6 +66,7 @@ class Identification(Frozen):
     before: ArrayField = field(default_factory=making(np.zeros, 0))
     believed: ArrayField = field(default_factory=making(np.zeros, 0))
     suspicions: tuple[str, ...] = ()
+    freedoms: float = np.inf
 
     @property
     def held_object(self) -> HeldObject:
@@ -73,6 +77,24 @@ class Identification(Frozen):
     def gravity(self) -> Array:
         """(3,) gravity, world axes [m/s^2]."""
         return self.chain.gravity
+
+    def holds(self, values: Mapping[str, float], level: float = 0.9) -> bool:
+        """Return whether values lie in the joint region of their estimates. O(k^3).
+
+        The region of k values is e^T C^-1 e < k F(level; k, freedoms), with the errors e and their covariance C.
+
+        Args:
+            values: k values by name, e.g. of a data sheet.
+            level: probability with which the region holds the truth.
+
+        Raises:
+            ModelError: a name is unknown or not determined, or the level is not between 0 and 1.
+
+        Reference:
+            Scheffe 1959, The Analysis of Variance, section 3.5.
+        """
+        estimate = dict(zip(self.names, self.values.tolist(), strict=True))
+        return in_region(estimate, self.covariance, self.freedoms, values, level, (*self.kept, *self.partly))
 
     def __repr__(self) -> str:
         """Return the number of values and the mass, if it is one of them; `print` shows all of them."""

@@ -202,6 +202,7 @@ def _machine_result(found: Machine, frames: dict[str, Array]) -> Identification:
         before=before,
         believed=np.sqrt(((slope * found.unknowns.spread) ** 2).sum(axis=1)),
         suspicions=found.suspicions,
+        freedoms=found.fit.freedoms,
     )
 
 

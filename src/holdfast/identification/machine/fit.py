@@ -26,7 +26,7 @@ from scipy.stats import t as student
 
 from holdfast.identification.estimate import huber_weights
 from holdfast.identification.free_fit import channel_sizes, estimated, least_noise, whitener
-from holdfast.identification.machine.coloured_noise import Autoregression, autoregression
+from holdfast.identification.machine.coloured_noise import Autoregression, autoregressions
 from holdfast.identification.machine.rows import MachineRows
 from holdfast.identification.machine.unknowns import MachineUnknowns
 from holdfast.spatial.scalar import Array
@@ -34,7 +34,7 @@ from holdfast.spatial.scalar import Array
 NOT_USED = 1e4  # factor of the noise of measurements that do not count
 MOST_REFITS, NOISE_SETTLED = 40, 1e-4  # of weights and estimate; relative change of the noise at which they end
 FIRST_NOISE = 0.05  # first guess of the noise, relative to the measurements
-LEAST_LEFT_OF_SLOW = 0.5  # share of slow noise that residuals show at least, as far as deviations are corrected
+ROUNDING = 1e-15  # of eigenvalues, relative to the largest one
 OF_MEDIAN = 1.4826  # standard deviation of normal noise, in units of its median size
 
 
@@ -44,8 +44,9 @@ class MachineFit:
 
     Attributes:
         z: (p,) the coordinates.
-        covariance: (p, p) of their error.
-        information: (p, p) F, what the recordings tell.
+        around: (p,) coordinates whose slopes the covariance is for, away from the bound of possible bodies.
+        covariance: (p, p) of the error of z, in steps of `around`.
+        information: (p, p) F, what the recordings tell, likewise.
         noise: (channels,) standard deviations of the measurements.
         residuals: (samples, r) residuals of the rows.
         errors: (samples, channels) the smallest errors of the measurements that explain the rows; for arms that hold
@@ -58,6 +59,7 @@ class MachineFit:
     """
 
     z: Array
+    around: Array
     covariance: Array
     information: Array
     noise: Array
@@ -116,17 +118,18 @@ def machine_fit(
         if same and (count or not at.bilinear):
             settled = True
             break
-    information = at.information(weights)
-    G = np.linalg.inv(information + np.diag(unknowns.spread**-2.0))
-    M, processes = at.scores(weights, coloured)
+    around = unknowns.away_from_bounds(z)
+    information = at.information(weights, around)
+    G = with_prior(information, unknowns.spread)
+    M, processes, size = at.scores(weights, around, coloured)
+    M = M if given is not None else M * max(size, 1.0)
     spent = float(np.trace(G @ information))
-    if given is None:  # residuals lack what the fit has spent: of slow noise, which has fewer freedoms, a larger share
-        slow = max(float(np.mean([one.slow_noise for one in processes])), 1.0)
-        M = M * (1.0 - spent / at.counted) / max(1.0 - spent * slow / at.counted, LEAST_LEFT_OF_SLOW)
-    covariance = G @ (M + np.diag(unknowns.spread**-2.0)) @ G
+    covariance = with_prior(information, unknowns.spread, M)
+    repetition = float(np.mean([one.repetition for one in processes]))
     counted = float((at.whitened**2 * weights**2).sum())
     return MachineFit(
         z=z,
+        around=around,
         covariance=covariance,
         information=information,
         noise=noise,
@@ -136,8 +139,25 @@ def machine_fit(
         processes=processes,
         settled=settled,
         outliers=float((weights < 1.0).mean()),
-        freedoms=np.inf if given is not None else max((at.counted - spent) / len(noise), 1.0),
+        freedoms=np.inf if given is not None else max((at.counted - spent) / len(noise) / repetition, 1.0),
     )
+
+
+def with_prior(information: Array, spread: Array, scores: Array | None = None) -> Array:
+    """Return (F + L)^-1 (M + L) (F + L)^-1, (p, p); what is below rounding counts as not told.
+
+    Args:
+        information: (p, p) F.
+        spread: (p,) standard deviations of the prior, L = spread^-2.
+        scores: (p, p) M; None for F.
+    """
+    outer = np.outer(spread, spread)
+    sizes, axes = np.linalg.eigh(0.5 * (information + information.T) * outer)
+    told = sizes > len(sizes) * ROUNDING * sizes[-1]
+    M = np.diag(sizes) if scores is None else axes.T @ (scores * outer) @ axes
+    own, turn = np.linalg.eigh(np.where(np.outer(told, told), M, 0.0) + np.eye(len(sizes)))
+    half = spread[:, None] * (axes / (np.where(told, sizes, 0.0) + 1.0)) @ (turn * np.sqrt(np.maximum(own, 0.0)))
+    return half @ half.T
 
 
 def errors_at(rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Array) -> Array:
@@ -186,28 +206,32 @@ class _Point:
         found[:linear, :linear] = self.unknowns.x(z)[1]
         return found
 
-    def information(self, weights: Array) -> Array:
-        """Return F, (p, p)."""
+    def information(self, weights: Array, around: Array | None = None) -> Array:
+        """Return F, (p, p), for steps of z or of other coordinates."""
         J = (self.columns * weights[:, :, None]).reshape(-1, len(self.z))
-        T = self.slopes_of_all(self.z)
+        T = self.slopes_of_all(self.z if around is None else around)
         return T.T @ (J.T @ J) @ T
 
-    def scores(self, weights: Array, coloured: bool) -> tuple[Array, list[Autoregression]]:
-        """Return M, (p, p), and the processes of the channels."""
-        T, parts = self.slopes_of_all(self.z), self.rows.parts
-        sizes = np.where(self.rows.used, 1.0, 0.0)
-        scaled = self.errors * sizes
-        processes = [autoregression([scaled[part, c] for part in parts]) for c in range(scaled.shape[1])]
+    def scores(self, weights: Array, around: Array, coloured: bool) -> tuple[Array, list[Autoregression], float]:
+        """Return M, (p, p), the processes of the channels, and the variance of their noise in units of the weights'."""
+        T, parts = self.slopes_of_all(around), self.rows.parts
+        counted = self.lifted * np.where(self.rows.used, self.noise, 0.0)[:, None, :]
+        of_errors = np.swapaxes(counted, 1, 2) @ (self.columns * (weights**2)[:, :, None]) @ T
+        processes, size = autoregressions(
+            errors=np.where(self.rows.used, self.errors / self.noise, 0.0),
+            slopes=of_errors,
+            shares=np.einsum("src,src->c", counted, counted),
+            known=self.unknowns.spread**-2.0,
+            parts=parts,
+        )
         if not coloured or all(len(one.a) == 1 for one in processes):
-            return self.information(weights), processes
+            return self.information(weights, around), processes, 1.0
         M = np.zeros((len(self.z), len(self.z)))
-        weighted = self.columns * (weights**2)[:, :, None]
         for c, process in enumerate(processes):
-            B = np.einsum("sr,srp->sp", self.lifted[:, :, c] * sizes[:, c : c + 1], weighted) * self.noise[c]
             for part in parts:
-                filtered = process.filtered(B[part])
+                filtered = process.filtered(of_errors[part, c])
                 M += filtered.T @ filtered
-        return T.T @ M @ T, processes
+        return M, processes, size
 
 
 def _minimum(at: _Point, weights: Array) -> Array:

@@ -14,7 +14,7 @@ from holdfast.errors import ModelError, StateError
 from holdfast.identification.base_parameters import sentences
 from holdfast.identification.completed import completed, differentiated
 from holdfast.identification.equations import plain_body
-from holdfast.identification.machine.fit import MachineFit, errors_at, machine_fit
+from holdfast.identification.machine.fit import MachineFit, errors_at, machine_fit, with_prior
 from holdfast.identification.machine.log_cholesky import body_at
 from holdfast.identification.machine.prior import Prior
 from holdfast.identification.machine.rows import MachineRows, channels, machine_rows
@@ -142,7 +142,7 @@ def machine_of(
     chain: ClosedChain, unknowns: MachineUnknowns, rows: MachineRows, fit: MachineFit, largest: float
 ) -> Machine:
     """Return the result of a fit: its plain values, and which of them the recordings determine."""
-    values, slope = unknowns.plain(fit.z)
+    values, slope = unknowns.plain(fit.z, fit.around)
     covariance = slope @ fit.covariance @ slope.T * fit.widened(0.05) ** 2
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     believed = np.sqrt(((slope * unknowns.spread) ** 2).sum(axis=1))
@@ -150,8 +150,8 @@ def machine_of(
     if "payload" in unknowns.kinds:
         m, radius = values[0], float(np.sqrt((values[4] + values[7] + values[9]) / (2.0 * values[0])))
         sizes[:10] = np.minimum(sizes[:10], [m, *[radius] * 3, *[m * radius**2] * 6])
-    kept = deviations > NOTHING_TOLD * believed
-    alone = np.linalg.inv(fit.information + np.diag((WIDE * unknowns.spread) ** -2.0))  # what the recordings tell
+    kept = deviations > NOTHING_TOLD * fit.widened(0.05) * believed
+    alone = with_prior(fit.information, WIDE * unknowns.spread)  # what the recordings tell
     told = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, alone, slope), 0.0))
     partly = ~kept & (np.maximum(deviations, told) * fit.widened(CHANCE_OF_ERROR) > largest * sizes)
     return Machine(

@@ -68,3 +68,13 @@ def coordinates_of(root: Array, pi: Array) -> Array:
     half = solve_triangular(root, pseudo_inertia(pi), lower=True)
     T = np.linalg.cholesky(solve_triangular(root, half.T, lower=True))
     return np.array([*np.log(np.diag(T)), *(T[place] for place in BELOW)])
+
+
+def no_thinner(theta: Array, least: float) -> Array:
+    """Return coordinates of a body whose pseudo-inertia, relative to the reference's, has no eigenvalue below one."""
+    T = np.diag(np.exp(theta[:4]))
+    for k, place in enumerate(BELOW, start=4):
+        T[place] = theta[k]
+    sizes, axes = np.linalg.eigh(T @ T.T)
+    T = np.linalg.cholesky((axes * np.maximum(sizes, least)) @ axes.T)
+    return np.array([*np.log(np.diag(T)), *(T[place] for place in BELOW)])

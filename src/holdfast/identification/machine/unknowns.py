@@ -14,7 +14,7 @@ import numpy as np
 from holdfast.dynamics.regressor import inertial_parameters
 from holdfast.errors import ModelError
 from holdfast.identification.equations import PARAMETER_NAMES, WRENCH_AXES, plain_body, plain_slopes
-from holdfast.identification.machine.log_cholesky import body_at, reference_factor
+from holdfast.identification.machine.log_cholesky import body_at, no_thinner, reference_factor
 from holdfast.identification.machine.prior import Prior
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -93,12 +93,24 @@ class MachineUnknowns:
         """Return the time offset [s]."""
         return float(z[-1]) if "time_offset" in self.kinds else 0.0
 
-    def plain(self, z: Array) -> tuple[Array, Array]:
-        """Return the reported values, (p,), and their derivatives by z, (p, p)."""
+    def away_from_bounds(self, z: Array) -> Array:
+        """Return coordinates with bodies as extended as a deviation above the prior's mean, for use of their slopes.
+
+        Where a body is thin, its coordinates hardly move it: a covariance with these slopes would take it for known.
+        """
+        found = z.copy()
+        for k in range(len(self.roots)):
+            of = slice(10 * k, 10 * k + 10)
+            found[of] = no_thinner(z[of], float(np.exp(self.spread[10 * k])))
+        return found
+
+    def plain(self, z: Array, around: Array | None = None) -> tuple[Array, Array]:
+        """Return the reported values, (p,), and their derivatives by coordinates around z or others, (p, p)."""
         value, slope = z.copy(), np.eye(len(z))
         for k, root in enumerate(self.roots):
             of = slice(10 * k, 10 * k + 10)
             pi, by = body_at(root, z[of])
+            by = by if around is None else body_at(root, around[of])[1]
             value[of], slope[of, of] = plain_body(pi), plain_slopes(pi) @ by
         return value, slope
 
