@@ -115,9 +115,8 @@ def test_a_run_that_ends_early():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"scheme": "dop853"}, "scheme"),
-        ({"sample_time": 1e-3}, "sample_time"),
-        ({"on_checkpoint": print}, "on_checkpoint"),
+        ({"scheme": "imex"}, "scheme"),
+        ({"make_stepper": print}, "make_stepper"),
         ({"on_singular": "continue"}, "on_singular"),
         ({"base_motion": {"robot": None}}, "base_motion"),
     ],
