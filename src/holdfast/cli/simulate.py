@@ -93,7 +93,7 @@ def simulate(
     happened = run.occurrences
     if writer.start is not None:  # the first part is on disk
         writer.flush()
-        run = replace(load_result(folder).trajectory, stopped=run.stopped)
+        run = replace(load_result(folder).trajectory, stopped=run.stopped, setting=run.setting)
     summary = summarise(scenario.chain, run) if run.has_every_array else None
     writer.finish(summary, stopped=run.stopped, occurrences=happened)
     if not json:

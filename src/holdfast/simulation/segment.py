@@ -19,12 +19,12 @@ from holdfast.model.grasp import Grasp
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.adaptive_parts import RTOL_OF_PARTS as PARTS_RTOL
 from holdfast.simulation.adaptive_parts import AdaptivePartsStepper, HalvedPartsStepper
+from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.collocation import CollocationStepper
 from holdfast.simulation.contact_signals import ContactSignals
 from holdfast.simulation.contact_stepper import ContactStepper
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.balance import Sums
 from holdfast.simulation.events import Event, Happened, Occurrence, happen
 from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.simulation.instant import Instant, evaluate

@@ -262,9 +262,7 @@ def _appending(folder: str | PathLike[str] | None, overwrite: bool, setting: Set
 
 
 @contextmanager
-def laws_by_machine_code(
-    chain: ClosedChain, calls: int, of_forest: MechanismSteppers | None = None
-) -> Iterator[None]:
+def laws_by_machine_code(chain: ClosedChain, calls: int, of_forest: MechanismSteppers | None = None) -> Iterator[None]:
     """Within this context, evaluate the library's controllers and control laws with machine code if it is worthwhile.
 
     Args:
