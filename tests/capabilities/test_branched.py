@@ -16,7 +16,8 @@ from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
     "ClosedChain", "calibrate", "calibration.load_postures", "close", "codegen.export_c", "compile",
-    "control.GravityCompensation", "control.ObjectTracking", "control.clipped", "diagnose", "dynamics.attach", "dynamics.centre_of_mass",
+    "control.GravityCompensation",
+    "control.ObjectTracking", "control.clipped", "diagnose", "dynamics.attach", "dynamics.centre_of_mass",
     "dynamics.closure", "dynamics.kinetic_energy", "dynamics.link_poses", "dynamics.momentum",
     "dynamics.momentum_rate", "dynamics.potential_energy", "dynamics.power", "dynamics.release",
     "forces.distribute", "forces.grasp_margins", "forces.joint_margins", "forces.least_peak",

@@ -40,6 +40,11 @@ class MechanismSignals(Signals):
         return {i: now[row.name] for i, row in enumerate(self.rows) if row.name in now}
 
     @cached_property
+    def holding(self) -> Array:
+        """Whether each of the rows is closed now."""
+        return np.isin(np.arange(len(self.rows)), [*self.closed])
+
+    @cached_property
     def names(self) -> list[str]:
         """Name of each signal: the rows, then three times the joints as 'arm/joint'."""
         return [*(row.name for row in self.rows), *3 * freedom_names(self.chain)]

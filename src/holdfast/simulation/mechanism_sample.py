@@ -64,7 +64,7 @@ def _arrays(signals: MechanismSignals, at: MechanismMoment) -> dict[str, Any]:
         "base_acceleration": qdd[: joints.start],
         "grasp_wrench": signals.wrenches(at),
         "coupling_force": found.coupling_force,
-        "holding": np.isin(np.arange(len(signals.rows)), [*signals.closed]),
+        "holding": signals.holding,
         "kinetic": found.kinetic,
         "potential": found.potential,
         "condition": at.sample.now.condition,

@@ -127,6 +127,10 @@ class MechanismStepper:
         sizes = [(len(a), max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0))) for a, b in pairs]
         return self.tolerance.atol + self.tolerance.rtol * np.concatenate([np.full(n, size) for n, size in sizes])
 
+    @cached_property
+    def _friction(self) -> Array:
+        return joint_friction(self.environment.chain)
+
     def _arguments(self, t: float, state: State, memory: Any) -> tuple[ForestArguments, Array, Any]:
         """Return the arguments of the forest at a time and state, the torques of the drives, and the memory."""
         chain = self.environment.chain
@@ -136,7 +140,8 @@ class MechanismStepper:
         require_wrenches(inputs, "of a chain that is answered as a forest")
         given = mechanism_arguments(chain, state, tau, inputs)
         net = given.tau.copy()
-        net[joint_rows(chain)] -= friction_torque(joint_friction(chain), state.qd)
+        if self._friction.any():
+            net[joint_rows(chain)] -= friction_torque(self._friction, state.qd)
         return given._replace(tau=net), tau, memory
 
 
