@@ -62,7 +62,7 @@ MAY_IMPORT = {
 }
 # imports inside functions, of what the room cannot know when it is loaded
 ON_CALL = {"io/result_reader.py": {"scenario"}, "sweeps/result.py": {"view"}}
-FOR_TYPES = {"compiled/chain.py": {"codegen"}, "compiled/function.py": {"codegen"}}
+FOR_TYPES = {f"compiled/{name}.py": {"codegen"} for name in ("chain", "forest", "function")}
 CORE = {"errors", "names", "progress", "state", "spatial", "model", "questions", "dynamics", "forces"}
 CORE |= {"compiler", "compiled", "control", "simulation", "assembly", "planning"}
 LARGEST_CIRCLE = 3  # modules that import each other, some of them inside functions

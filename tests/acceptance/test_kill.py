@@ -18,7 +18,6 @@ from pathlib import Path
 import pytest
 
 from holdfast.io.result_reader import Result, load_result
-from holdfast.simulation.trajectory import array_names
 from tests.io.recorded import same_bits
 
 ROOT = Path(__file__).parents[2]
@@ -94,12 +93,40 @@ def scene_run(place: Path, duration: float) -> Run:
     return made(place, "simulate", str(place / "scene.toml"), "--out", "{}", "--no-plots")
 
 
+def branches_run(place: Path, duration: float) -> Run:
+    """Return the demo's scene beside a ball that falls, which makes it a forest, under a sampled controller."""
+    text = (ROOT / "examples" / "two_pandas.toml").read_text().partition("[controller]")[0]
+    text += f"""
+[objects.ball]
+mass = 1.0
+sphere = 0.1
+pose = {{ position = [0.0, 1.0, 1.0] }}
+
+[controller]
+type = "torque_schedule"
+pieces = [{{ begin = 0.0, torques = {[[0.0, 9.0]] * 14} }}]
+
+[[events]]
+type = "release"
+arm = "right"
+t = {duration / 2}
+
+[simulation]
+duration = {duration}
+step = 0.002
+sample_time = 0.004
+delay = 0.001
+"""
+    (place / "scene.toml").write_text(text)
+    return made(place, "simulate", str(place / "scene.toml"), "--out", "{}", "--no-plots")
+
+
 def remembering_run(place: Path, duration: float) -> Run:
     """Return the run whose controller remembers."""
     return made(place, "remembering", str(duration), "{}")
 
 
-MAKE = {"scene": scene_run, "remembering": remembering_run}
+MAKE = {"scene": scene_run, "remembering": remembering_run, "branches": branches_run}
 LONG = 0.24  # s: 120 steps
 
 
@@ -111,7 +138,7 @@ def require_recovery(run: Run, name: str) -> int:
         assert not found.complete
         assert certain <= found.samples <= certain + 2  # the flush may have been through, and not yet in the book
         assert f"up to t = {found.trajectory.t[-1]:.6g} s" in found.note
-        for array in array_names():
+        for array in run.whole.trajectory.recorded:
             head = getattr(run.whole.trajectory, array)[: found.samples]
             assert getattr(found.trajectory, array).tobytes() == head.tobytes(), array
     process = started(run.place, name, run.arguments, "--resume")
@@ -145,15 +172,16 @@ def killed_in_flush(run: Run, name: str, flush: int, file: int) -> None:
 
 
 @pytest.mark.slow
-def test_two_kills(tmp_path):
+@pytest.mark.parametrize("kind", ["remembering", "branches"])
+def test_two_kills(kind, tmp_path):
     """In short: one at some moment, one inside a flush."""
-    run = remembering_run(tmp_path, 0.024)
+    run = MAKE[kind](tmp_path, 0.024)
     tries = 1
     while not killed_at(run, f"moment{tries}", 0.3 * run.seconds / tries):
         tries += 1
     require_recovery(run, f"moment{tries}")
     killed_in_flush(run, "flush", 3, 2)
-    assert require_recovery(run, "flush") == 5
+    assert require_recovery(run, "flush") == sum(run.whole.chunks[:3])
 
 
 @pytest.mark.long

@@ -15,7 +15,8 @@ from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
-    "ClosedChain", "calibrate", "calibration.load_postures", "close", "compile", "control.GravityCompensation",
+    "ClosedChain", "calibrate", "calibration.load_postures", "close", "codegen.export_c", "compile",
+    "control.GravityCompensation",
     "control.ObjectTracking", "control.clipped", "diagnose", "dynamics.attach", "dynamics.centre_of_mass",
     "dynamics.closure", "dynamics.kinetic_energy", "dynamics.link_poses", "dynamics.momentum",
     "dynamics.momentum_rate", "dynamics.potential_energy", "dynamics.power", "dynamics.release",
@@ -57,6 +58,7 @@ BESIDE = {
         "seek": ["bases:arm2"],
         "noise": hf.calibration.ClosureNoise(1e-3, 1e-3),
     },
+    "codegen.export_c": {"folder": Path(tempfile.mkdtemp()) / "code"},
     "control.ObjectTracking": {"path": hf.control.RestToRest(hf.Pose.identity())},
     "dynamics.attach": {"name": ("arm2", "pad1"), "grasp": hf.Grasp("ball"), "here": True},
     "dynamics.momentum_rate": {"result": hf.forward_dynamics(*two_arms_with_grippers())},

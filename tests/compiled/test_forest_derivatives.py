@@ -47,7 +47,7 @@ def test_cost_of_a_humanoid():
 def ratio(forest) -> float:
     """Return the operations of a gradient over those of forward dynamics."""
     forward = CompiledForest(forest).forward_dynamics
-    gradient = forward._derived("vjp", ("qdd", "closure_wrench"), ("q", "qd", "tau"))
+    gradient = forward.derived("vjp", ("qdd", "closure_wrench"), ("q", "qd", "tau"))
     return gradient.schedule().operation_count / forward.function.schedule().operation_count
 
 
@@ -149,6 +149,27 @@ def test_refusals(problem, forward):
         forward.bind("jacobian")
     with pytest.raises(StateError, match="out: expected earlier derivatives"):
         forward.vjp(p.q, p.qd, p.tau, qdd=p.qd, out=forward(p.q, p.qd, p.tau))
+
+
+@pytest.mark.parametrize("name", mostly_slow(branched_problems(), ("palletiser",)))
+def test_along_the_motion(name):
+    """Along a motion, which keeps closures, accelerations change as in a run, also where forces are not unique."""
+    p = branched_problems()[name]
+    h = 5e-4
+    run = hf.simulate(p.chain, p.state, lambda t, state, memory: (p.tau, memory), 2 * h, h)
+    state = run.state(1)
+    forward: Any = hf.compile(p.chain).forward_dynamics
+    along = {"q": run.qd[1], "qd": run.qdd[1]}
+    if p.chain.free_objects:
+        along |= {"object_pose": run.object_twist[1], "object_twist": run.object_acceleration[1]}
+    if p.chain.floats:
+        along |= {"floating_pose": run.base_twist[1], "floating_twist": run.base_acceleration[1]}
+    given = arguments(p._replace(state=state)) | {"tau": p.tau}
+    found = forward.jvp(**given, along=along, of=["qdd"])
+    wanted = hf.forward_dynamics.jvp(p.chain, state, p.tau, along=along)
+    size = max(1.0, float(np.abs(wanted.qdd).max()))
+    assert gap(found.qdd, wanted.qdd) <= 1e-9 * size
+    assert gap(found.qdd, (run.qdd[2] - run.qdd[0]) / (2 * h)) <= 1e-4 * size
 
 
 def test_singular_and_not_unique():

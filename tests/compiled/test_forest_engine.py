@@ -26,7 +26,7 @@ def test_steps(seed):
     """Motion, work, forces, gaps and energies of every kind of forest."""
     p = random_forest(seed)
 
-    def acting(t, q, qd, begins):
+    def acting(t, q, qd):
         return ForestArguments(p.forest, q, qd, p.tau, p.wrenches)
 
     runs = []
@@ -37,7 +37,7 @@ def test_steps(seed):
         assert gap(coded.given.q, reference.given.q) < 1e-12
         assert gap(coded.given.qd, reference.given.qd) < 1e-11
         assert gap(coded.now.qdd, reference.now.qdd) < 1e-8
-        assert gap(coded.work, reference.work) < 1e-12
+        assert gap(coded.now.power, reference.now.power) < 1e-12
         assert coded.now.unique is reference.now.unique
         assert gap(ours.closure_wrench, theirs.closure_wrench) < 1e-8
         assert gap(ours.coupling_force, theirs.coupling_force) < 1e-8

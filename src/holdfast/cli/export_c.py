@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from holdfast.cli.console import print_document, refuse_standard, stdout
 from holdfast.cli.options import Changes, Folder, Names, OptionalName, PackageOptions, SceneFile, Switch
@@ -15,7 +15,6 @@ from holdfast.codegen.export import export_c as write_code
 from holdfast.codegen.functions import exported_function, exported_law
 from holdfast.compiled.chain import CompiledChain, compile
 from holdfast.errors import MethodNotApplicable, StateError
-from holdfast.model.serial_chain import serial_chain
 from holdfast.scenario.build import Scenario
 
 SCENE_CONTROL = "control"  # the function of the scene's controller
@@ -63,7 +62,6 @@ def export_c(
     refuse_standard(out)
     folder = Path("code") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes, packages)
-    serial_chain(scenario.chain, str(scene))
     compiled = compile(scenario.chain)
     requested = list(function) or _those_there_are(scenario, compiled, scheme)
     laws = {SCENE_CONTROL: scenario.controller} if SCENE_CONTROL in requested else {}
@@ -87,8 +85,12 @@ def export_c(
     return 0
 
 
-def _those_there_are(scenario: Scenario, compiled: CompiledChain, scheme: str) -> list[str]:
+def _those_there_are(scenario: Scenario, compiled: Any, scheme: str) -> list[str]:
     """Return the functions of `BY_DEFAULT` that can be exported; print on stderr why others cannot."""
+    if not isinstance(compiled, CompiledChain):
+        first, *others = BY_DEFAULT
+        say(f"note: without {', '.join(others)}: chains that are answered as forests have no machine code of them")
+        return [first]
     found = []
     for one in BY_DEFAULT:
         try:

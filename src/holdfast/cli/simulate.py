@@ -67,8 +67,6 @@ def simulate(
     refuse_standard(out)
     folder = Path("results") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes, packages)
-    if resume and (beyond := scenario.chain.beyond_serial):
-        raise ResultError(f"--resume: expected serial arms, got {beyond[0]}, whose runs cannot be continued yet")
     requested = {name: x for name, x in (("sample_time", sample_time), ("delay", delay)) if x is not None}
     scenario = replace(scenario, options=scenario.options | requested)
     if plots:
@@ -95,7 +93,7 @@ def simulate(
     happened = run.occurrences
     if writer.start is not None:  # the first part is on disk
         writer.flush()
-        run = replace(load_result(folder).trajectory, stopped=run.stopped)
+        run = replace(load_result(folder).trajectory, stopped=run.stopped, setting=run.setting)
     summary = summarise(scenario.chain, run) if run.has_every_array else None
     writer.finish(summary, stopped=run.stopped, occurrences=happened)
     if not json:
@@ -118,12 +116,9 @@ def _run(scenario: Scenario, writer: ResultWriter) -> Trajectory | None:
     """Return the run, or None if the user interrupted it; in both cases the writer has the samples."""
     whole, steps = scenario.duration, math.ceil(scenario.duration / scenario.step)
 
-    def keep(part: Trajectory, checkpoint: Checkpoint | None) -> None:
+    def keep(part: Trajectory, checkpoint: Checkpoint) -> None:
         writer.add(part)
-        if checkpoint is None:
-            writer.flush_if_due()
-        else:
-            writer.mark(checkpoint)
+        writer.mark(checkpoint)
 
     with progress_bar(f"simulating {scenario.name}", f"{whole:g} s in {steps} steps", say) as show:
         try:

@@ -9,11 +9,18 @@ from importlib import metadata
 from os import PathLike
 from pathlib import Path
 from string import Template
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from holdfast.codegen.functions import ExportedFunction, exported_function, exported_law, exported_names
+from holdfast.codegen.functions import (
+    ExportedFunction,
+    exported_function,
+    exported_law,
+    exported_names,
+    exported_of_forest,
+)
 from holdfast.codegen.header import CFunction, header, wrapper
 from holdfast.compiled.chain import CompiledChain, compile
+from holdfast.compiled.forest import CompiledForest, CompiledMechanism
 from holdfast.compiled.kernels import operations
 from holdfast.compiler.targets import (
     DEFINITIONS,
@@ -29,7 +36,8 @@ from holdfast.errors import ModelError, ResultError
 from holdfast.io.files import file_path, names_in, replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import serial_chain, without_contacts
+from holdfast.model.grasp_rows import row_name
+from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain, without_contacts
 from holdfast.progress import busy, detail
 from holdfast.simulation.environment import BaseMotion
 from holdfast.spatial.frozen import FrozenDict
@@ -70,11 +78,11 @@ class ExportedCode(NamedTuple):
 
 
 def export_c(
-    chain: ClosedChain | CompiledChain,
+    chain: ClosedChain | CompiledChain | CompiledMechanism | CompiledForest,
     folder: str | PathLike[str],
     *,
     name: str = "chain",
-    functions: Sequence[str] = ("forward_dynamics", "inverse_dynamics"),
+    functions: Sequence[str] | None = None,
     laws: Mapping[str, Controller | ControlLaw] | None = None,
     target: str = "x86-64-v3",
     source: bool = False,
@@ -94,12 +102,15 @@ def export_c(
     machine code, and so are the results of the source with the compiler options in the CMake file.
 
     Args:
-        chain: the chain, or the result of `holdfast.compile` to have link inertias or wrenches as arguments.
+        chain: the chain, or the result of `holdfast.compile` to have link inertias or wrenches as arguments. Of a chain
+            with branches, loops, couplings or several objects, and of a compiled forest, there are forward_dynamics,
+            forward_dynamics_vjp and forward_dynamics_jvp, of which all numbers are constants.
         folder: the folder to write.
         name: prefix of all names in C: lower-case letters, digits, underscores.
         functions: any of forward_dynamics, inverse_dynamics, mass_matrix, jacobian, closure, kinetic_energy,
             potential_energy, momentum, centre_of_mass, object_mobility, tip_poses, link_poses, project,
-            forward_dynamics_vjp, forward_dynamics_jvp, forward_dynamics_jacobian, step.
+            forward_dynamics_vjp, forward_dynamics_jvp, forward_dynamics_jacobian, step. By default forward and inverse
+            dynamics, as far as the chain has machine code of them.
         laws: control laws, by the names of their functions.
         target: the processor under Linux: x86-64-v2, x86-64-v3, x86-64-v4 or aarch64.
         source: write C11 source instead of an object file; `target` then determines the compiler options and whether
@@ -117,10 +128,11 @@ def export_c(
     Raises:
         ModelError: a name is invalid, a function or target is unknown, a step has no state, or `progress` is invalid.
         ResultError: the folder is in use or cannot be written.
-        MethodNotApplicable, CompileError: a law cannot be compiled.
+        MethodNotApplicable: the chain has no machine code of a function or a law.
+        CompileError: a law cannot be compiled.
     """
-    compiled = chain if isinstance(chain, CompiledChain) else None
-    if compiled is None:
+    compiled = chain if isinstance(chain, CompiledChain | CompiledMechanism | CompiledForest) else None
+    if compiled is None and not answered_as_forest(chain):
         serial_chain(chain, "export: chain")
         without_contacts(chain, "export", arms=True)
     checks.instance(name, str, "export: name")
@@ -135,14 +147,20 @@ def export_c(
     place = file_path(folder, "export: folder")
     if names_in(place, "a folder of exported code") and not overwrite:
         raise ResultError(f"{place}: is in use; try another folder, or overwrite")
-    requested = _requested(functions, laws or {})
-    made = compiled or compile(chain)  # type: ignore[arg-type]
-    found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in requested]
-    found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
+    made: Any = compiled or compile(chain)  # type: ignore[arg-type]
+    serial = isinstance(made, CompiledChain)
+    by_default = ("forward_dynamics", "inverse_dynamics") if serial else ("forward_dynamics",)
+    requested = _requested(by_default if functions is None else functions, laws or {})
+    if serial:
+        found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in requested]
+        found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
+    else:
+        require_unused(laws=bool(laws), base_motion=bool(base_motion))
+        found = [exported_of_forest(one, made, state, of, by) for one in requested]
     doing = f"writing code of {len(found)} function{'s' * (len(found) > 1)}"
     with replaced_folder(place, lambda name: name in written.files) as beside:  # refuses before any code is made
         with busy(progress, doing, "this may take seconds"):
-            written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
+            written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made))
         for file, content in written.files.items():
             (beside / file).write_bytes(content)
     sizes = {f.name: ExportedSize(8 * f.workspace, f.stack) for f in written.functions}
@@ -222,11 +240,15 @@ def files_of(
     return ExportedFiles(files, functions)
 
 
-def _about(chain: ClosedChain) -> dict[str, str]:
+def _about(made: CompiledChain | CompiledMechanism | CompiledForest) -> dict[str, str]:
     """Return the properties of a chain that the header states."""
+    if isinstance(made, CompiledForest):
+        return {"Forest": f"{len(made.forest.bodies)} bodies, {len(made.forest.closures)} closures"}
+    chain = made.chain
     joints = [f"{name} {part.start}..{part.stop - 1}" for name, part in zip(chain.arms, chain.arm_joints, strict=True)]
+    holding = ", ".join(map(row_name, chain.grasps)) or "none"
     return {
-        "Chain": f"{chain.joint_count} joints, {len(chain.arms)} arms; holding: {', '.join(chain.grasps) or 'none'}",
+        "Chain": f"{chain.joint_count} joints, {len(chain.arms)} arms; holding: {holding}",
         "Joints": "; ".join(joints),
     }
 

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.derivative_computation import computation_of, request_of
 from holdfast.compiled.derivative_schedule import DerivativeKind
+from holdfast.compiled.forest import CompiledForest, CompiledMechanism
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.control.compiled_law import law_and_values, law_computation
 from holdfast.control.controller import ControlLaw, Controller, held_torques
 from holdfast.dynamics.rank import closed_near, constraint_rank, generic_rank_near
-from holdfast.errors import ModelError, StateError
+from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import state_fields
@@ -54,6 +55,10 @@ _KINDS = {
     "jvp": "and the rates of its results along `with`",
     "jacobian": "and its Jacobian, transposed: a row for each number that is varied",
 }
+
+
+_OF_FOREST: dict[str, Literal["vjp", "jvp"]] = {"_vjp": "vjp", "_jvp": "jvp"}
+FOREST_FUNCTIONS = ("forward_dynamics", *(f"forward_dynamics{kind}" for kind in _OF_FOREST))
 
 
 def exported_names() -> tuple[str, ...]:
@@ -122,6 +127,52 @@ def exported_function(
     summary = asked.summary if kind is None else f"{asked.summary}, {_KINDS[kind]}"
     values = own | dict(made.fixed)
     return _function(name, summary, made.externals, made.schedule, values, _ANSWERS if made.has_status else {})
+
+
+def exported_of_forest(
+    name: str,
+    compiled: CompiledMechanism | CompiledForest,
+    state: State | None = None,
+    of: Sequence[str] | None = None,
+    by: Sequence[str] | None = None,
+) -> ExportedFunction:
+    """Return forward dynamics of a chain that is answered as a forest, or of a forest, or derivatives of it.
+
+    Args:
+        name: forward_dynamics, forward_dynamics_vjp or forward_dynamics_jvp.
+        compiled: its machine code.
+        state: state of the chain in memory at first; without one, joints at zero and bodies in the world's frame.
+        of: names of the results of derivatives.
+        by: names of the arguments of derivatives.
+
+    Raises:
+        MethodNotApplicable: it has no machine code of the function.
+        StateError: a result or an argument is unknown.
+    """
+    forward, summary = compiled.forward_dynamics, QUESTIONS["forward_dynamics"].summary
+    question, _, kind = name.partition("forward_dynamics")
+    if question or kind not in ("", *_OF_FOREST):
+        raise MethodNotApplicable(
+            f"export: functions: '{name}': expected {', '.join(FOREST_FUNCTIONS)} of a chain that is answered as a"
+            " forest, which has no other machine code yet"
+        )
+    terms = forward.function.terms
+    made = forward.function if not kind else forward.derived(_OF_FOREST[kind], of or terms.of, by or terms.by)
+    chain = terms.subject if isinstance(compiled, CompiledMechanism) else None
+    values = _at_rest(made.externals) | ({} if chain is None else _arrays(chain, state))
+    summary = summary if not kind else f"{summary}, {_KINDS[_OF_FOREST[kind]]}"
+    statuses = {key: says for key, says in _ANSWERS.items() if key != "undecided"}
+    return _function(name, summary, made.externals, made.schedule, values, statuses)
+
+
+def _at_rest(externals: Mapping[str, External]) -> dict[str, Array]:
+    """Return the poses of free bodies at first, those of the world."""
+    found = {}
+    for name in ("object_pose", "floating_pose"):
+        if name in externals:
+            found[name] = np.zeros(externals[name].shape)
+            found[name][..., 0] = 1.0
+    return found
 
 
 def exported_law(name: str, law: Controller | ControlLaw, compiled: CompiledChain) -> ExportedFunction:

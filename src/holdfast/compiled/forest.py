@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Generic, TypeVar
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from holdfast import outer
 from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.forest_forward import ForestForward, ForwardFunction, Kind, MechanismForward
@@ -17,6 +19,9 @@ from holdfast.model.forest import Forest
 from holdfast.names import called, unknown_attribute
 from holdfast.questions.derivatives import Derivatives
 from holdfast.questions.question import QUESTIONS
+
+if TYPE_CHECKING:
+    from holdfast.codegen.export import ExportedCode
 
 F = TypeVar("F", bound=ForwardFunction)
 
@@ -53,9 +58,21 @@ class _Compiled(Generic[F]):
         """Return forward dynamics bound to fixed arrays: `forward_dynamics.bind`."""
         return self.forward_dynamics.bind(kind, **names_and_inputs)
 
+    def export(self, folder: str | PathLike[str], **options: Any) -> ExportedCode:
+        """Write forward dynamics, or derivatives of it, as C or object files that run without Python.
+
+        Args:
+            folder: the folder to which the files are written.
+            **options: the keyword arguments of `holdfast.codegen.export_c`.
+
+        Raises:
+            HoldfastError: `holdfast.codegen.export_c` raised it.
+        """
+        return outer.export_c(self, folder, **{"progress": self.progress, **options})
+
     def __getattr__(self, name: str) -> Any:
         """Raise an error that says that a question has no machine code here."""
-        if name in (*QUESTIONS, "export"):
+        if name in QUESTIONS:
             raise NotCompiledError(
                 f"compile: '{name}': expected forward_dynamics of a forest, or of a chain that is answered as a forest,"
                 " which have no machine code but of it and its derivatives; try the function of the chain that runs as"

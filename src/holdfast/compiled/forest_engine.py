@@ -31,11 +31,11 @@ class CompiledForestEngine:
 
     Attributes:
         forest: the forest, all numbers of which are constants of the code.
-        rank: rank of its constraint, that of the first instant; None before.
+        rank: rank of its constraint; if it is not given, that of the first instant, and None before.
     """
 
-    def __init__(self, forest: Forest) -> None:
-        self.forest, self.rank = forest, None if forest.constraint_row_count else 0
+    def __init__(self, forest: Forest, rank: int | None = None) -> None:
+        self.forest, self.rank = forest, rank if forest.constraint_row_count else 0
         self._reference = ForestReference(forest)
 
     def instant(self, given: ForestArguments) -> ForestInstant:
@@ -45,8 +45,8 @@ class CompiledForestEngine:
         self.rank = rank if self.rank is None and status <= INDETERMINATE else self.rank
         if status > INDETERMINATE or rank != self.rank or given.under or given.behind:
             return self._reference.instant(given)
-        found = {name: x[name].copy() for name in ForestInstant._fields if name in x and name != "condition"}
-        return ForestInstant(**found, unique=status == OK, condition=float(x["condition"]))  # pyright: ignore
+        found = {name: x[name].copy() for name in ForestInstant._fields if name in x and x[name].ndim}
+        return ForestInstant(**found, unique=status == OK, condition=float(x["condition"]), rank=rank)  # pyright: ignore
 
     def closing(self, q: Array, qd: Array) -> ClosingRound:
         """See `ForestEngine`."""

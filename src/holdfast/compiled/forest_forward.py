@@ -51,6 +51,9 @@ class ForwardFunction:
     ) -> CompiledDerivatives:
         """Return the gradients of sum(cotangent . result), with forward dynamics at most twice its cost.
 
+        Where forces are not unique, gradients by q, qd, poses and twists depend off motions on which of the forces are
+        found, and differ from those of the reference; products with tangents that keep the closures do not.
+
         Args:
             *given: the arguments of a call, in order or by name.
             by: the arguments of which gradients are returned, as for the reference; by default q, qd and tau, and of a
@@ -82,7 +85,7 @@ class ForwardFunction:
         threads: int | None = None,
         **further: Any,
     ) -> CompiledDerivatives:
-        """Return the rates of the results along tangents of the arguments.
+        """Return the rates of the results along tangents of the arguments; where forces are not unique, see `vjp`.
 
         Args:
             *given: the arguments of a call, in order or by name.
@@ -132,7 +135,7 @@ class ForwardFunction:
         """
         terms = self.function.terms
         of, by = terms.of if of is None else of, terms.by if by is None else by
-        made = self._derived("jvp", of, by)
+        made = self.derived("jvp", of, by)
         own = {name: x for name, x in self.arrays(*given, **further).items() if x is not None}
         result = self.function(own, None, threads)
         if result.batch is None and result.array("status") == INDETERMINATE:
@@ -179,10 +182,10 @@ class ForwardFunction:
         if kind not in ("vjp", "jvp"):
             raise StateError(f"{self.function.name}.bind: expected vjp or jvp, got {checks.short(kind)}")
         terms = self.function.terms
-        made = self._derived(kind, terms.of if of is None else of, terms.by if by is None else by)
+        made = self.derived(kind, terms.of if of is None else of, terms.by if by is None else by)
         return BoundFunction(cast(Function, made), inputs)
 
-    def _derived(self, kind: Kind, of: Sequence[str], by: Sequence[str]) -> ForestFunction:
+    def derived(self, kind: Kind, of: Sequence[str], by: Sequence[str]) -> ForestFunction:
         """Return the function of some derivatives; its machine code is made when it is first requested."""
         own, terms = self.function, self.function.terms
         require_names(f"{own.name}.{kind}", of, [*terms.outputs])
@@ -205,7 +208,7 @@ class ForwardFunction:
         out: Any,
         threads: int | None,
     ) -> CompiledDerivatives:
-        made = self._derived(kind, of, by)
+        made = self.derived(kind, of, by)
         return made({**given, **{f"{WITH}{name}": x for name, x in vectors.items()}}, out, threads)
 
 

@@ -76,7 +76,7 @@ class AppendedRun:
         files = {MODEL: model_text(setting.chain)} | _bases(PLANNED, setting, times)
         self._writer = ResultWriter(place, meta_of(setting), NO_SCENE, files=files, overwrite=overwrite, advice=ADVICE)
 
-    def add(self, part: Trajectory, _: Checkpoint | None) -> None:
+    def add(self, part: Trajectory, _: Checkpoint) -> None:
         """Take samples, and flush if a flush is due.
 
         Raises:

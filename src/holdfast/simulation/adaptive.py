@@ -24,8 +24,8 @@ class Tolerance:
 
     One size is used for each group of quantities (joint positions, joint rates, and the position, angular velocity
     and linear velocity of each free body), so that a joint that happens to stand still is integrated no more
-    accurately than the others. The size of an attitude is 1 rad. The work done is integrated, but its error is not
-    controlled.
+    accurately than the others. The size of an attitude is 1 rad. A chain that is answered as a forest has two groups,
+    positions and rates. The work done is integrated, but its error is not controlled.
 
     Attributes:
         rtol: relative tolerance, at least 1e-15.
@@ -49,21 +49,28 @@ class Tolerance:
         return self.atol + self.rtol * np.repeat(sizes, [n, n, *[3] * (len(sizes) - 2)])
 
     def ratio(self, estimates: Sequence[Array], before: State, after: State) -> float:
-        """Return the estimated error of a step divided by the allowed error, in the mean square; 0 without estimates.
-
-        With e_5 and e_3 the root mean squares of the two estimates, the error is e_5^2 / sqrt(e_5^2 + e_3^2 / 100).
-        This is Hairer's estimate of order 7; a single linear combination of these stages does not reach that order.
+        """Return the estimated error of a step divided by the allowed error; see `error_ratio`; 0 without estimates.
 
         Args:
             estimates: empty, or the estimates of orders 5 and 3, each laid out as an `increment`.
             before: the state at the step's start.
             after: the state at its end.
         """
-        if not estimates:
-            return 0.0
-        allowed = self.allowed(before, after)
-        fifth, third = (float(np.mean((e[: len(allowed)] / allowed) ** 2)) for e in estimates)
-        return fifth / math.sqrt(fifth + 0.01 * third) if fifth > 0.0 else 0.0
+        return error_ratio(estimates, self.allowed(before, after)) if estimates else 0.0
+
+
+def error_ratio(estimates: Sequence[Array], allowed: Array) -> float:
+    """Return the estimated error of a step divided by the allowed error, in the mean square.
+
+    With e_5 and e_3 the root mean squares of the two estimates, the error is e_5^2 / sqrt(e_5^2 + e_3^2 / 100).
+    This is Hairer's estimate of order 7; a single linear combination of these stages does not reach that order.
+
+    Args:
+        estimates: the estimates of orders 5 and 3.
+        allowed: the error allowed in each of their first entries; that of the others, the work, is not controlled.
+    """
+    fifth, third = (float(np.mean((e[: len(allowed)] / allowed) ** 2)) for e in estimates)
+    return fifth / math.sqrt(fifth + 0.01 * third) if fifth > 0.0 else 0.0
 
 
 def _sizes(state: State) -> Array:

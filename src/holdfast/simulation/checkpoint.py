@@ -33,6 +33,7 @@ import numpy as np
 
 from holdfast.errors import ResultError
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
+from holdfast.model.grasp_rows import row_name
 from holdfast.simulation.adaptive import Proposal
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.events import Occurrence
@@ -86,7 +87,7 @@ class Checkpoint:
     """
 
     now: Origin
-    grasps: Mapping[str, Grasp]
+    grasps: Mapping[Any, Grasp]
     generic_rank: int
     tracker: ViolationTracker = field(repr=False)
     sums: Sums = field(default_factory=making(Sums, np.zeros(4), 0.0, np.zeros(6)))
@@ -120,7 +121,7 @@ class Checkpoint:
             "generic_rank": self.generic_rank,
             "implicit": self.implicit,
             "occurrences": [asdict(one) for one in self.occurrences],
-            "grasps": [_grasp_data(name, grasp, arrays) for name, grasp in self.grasps.items()],
+            "grasps": [_grasp_data(key, grasp, arrays) for key, grasp in self.grasps.items()],
             "now": _origin_data("now", self.now, arrays),
             "resolution": list(self.resolution),
             "held": None if self.held is None else packed(vars(self.held), "held", arrays),
@@ -172,28 +173,31 @@ def _origin(name: str, memory: Any, arrays: Mapping[str, Array]) -> Origin:
 _OF_GRASP = ("motion", "stiffness", "damping")  # arrays that only some kinds of grasp have
 
 
-def _grasp_data(name: str, grasp: Grasp, arrays: dict[str, Array]) -> dict[str, Any]:
+def _grasp_data(key: Any, grasp: Grasp, arrays: dict[str, Array]) -> dict[str, Any]:
+    name = row_name(key)
     arrays |= {f"grasps.{name}.R": grasp.frame.R, f"grasps.{name}.p": grasp.frame.p}
     own = {part: getattr(grasp, part) for part in _OF_GRASP}
     arrays |= {f"grasps.{name}.{part}": x for part, x in own.items() if x is not None}
-    data = {"arm": name, "kind": grasp.kind, "pitch": grasp.pitch}
+    data = {"arm": key if isinstance(key, str) else list(key), "kind": grasp.kind, "pitch": grasp.pitch, "of": grasp.of}
     for part, of in (("contact", grasp.contact), ("wrench_limits", grasp.wrench_limits)):
         found = None if of is None else {f.name: getattr(of, f.name) for f in fields(of)}
         data[part] = packed(found, f"grasps.{name}.{part}", arrays)
     return data
 
 
-def _grasp(given: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[str, Grasp]:
-    name = given["arm"]
+def _grasp(given: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[Any, Grasp]:
+    key = given["arm"] if isinstance(given["arm"], str) else tuple(given["arm"])
+    name = row_name(key)
     frame = Pose(np.array(arrays[f"grasps.{name}.R"]), np.array(arrays[f"grasps.{name}.p"]))
     contact, limits = (unpacked(given[part], arrays) for part in ("contact", "wrench_limits"))
     of_kind: dict[str, Any] = {part: arrays.get(f"grasps.{name}.{part}") for part in _OF_GRASP}
-    return name, Grasp(
+    return key, Grasp(
         given["kind"],
         frame,
         None if contact is None else Friction(**contact),
         None if limits is None else WrenchLimits(**limits),
         given.get("pitch"),
+        of=given.get("of"),
         **of_kind,
     )
 

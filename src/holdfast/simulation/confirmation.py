@@ -21,7 +21,7 @@ from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.errors import HoldfastError, SingularChainError, StepTooLongError
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import passive_terms
-from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.margins import ViolationTracker, freedom_names
 from holdfast.simulation.resolution import MOST_UNRESOLVED, Resolution, largest_of, leap, least_difference
 from holdfast.simulation.segment import Segment
 from holdfast.simulation.stability import (
@@ -210,8 +210,11 @@ class Cause(NamedTuple):
 def _cause(window: Window) -> Cause | None:
     """Return the damper, spring or gain that is too fast for the step at the start of a window, as far as it is known.
 
-    With linearly implicit steps only the feedback of the controller counts.
+    With linearly implicit steps only the feedback of the controller counts. It is not known for a chain that is
+    answered as a forest.
     """
+    if window.begin.chain.beyond_serial:
+        return None
     at, scheme, controller = window.begin, window.segment.scheme, window.segment.controller
     chain, state, passive = at.chain, at.state, passive_terms(at.chain)
     own, step = 0.0 if scheme.implicit else 1.0, window.segment.settings.longest_step
@@ -258,6 +261,8 @@ def _most_different(window: Window, until: float) -> str:
     whole, halves = (window.in_parts(until, parts).instant for parts in (1, 2))
     now = window.now
     rates = now.state.qd if whole is None or halves is None else whole.state.qd - halves.state.qd
+    if now.chain.beyond_serial:
+        return freedom_names(now.chain)[int(np.argmax(np.abs(rates)))]
     motion = chain_motion(now.chain, now.state, now.tau, now.inputs.shaped(now.chain))
     return now.chain.joint_names()[int(np.argmax(np.abs(rates) / coordinate_sizes(motion)[: len(rates)]))]
 

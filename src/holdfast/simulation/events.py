@@ -179,9 +179,12 @@ def holding_after(event: Event, holding: frozenset[Any], chain: ClosedChain, dur
     return holding ^ {event.arm}
 
 
+Happened = tuple[ClosedChain, State, Occurrence]
+
+
 def happen(
     event: Event, chain: ClosedChain, state: State, inputs: Inputs, grip: Callable[..., Any] = attach
-) -> tuple[ClosedChain, State, Occurrence]:
+) -> Happened:
     """Return the chain and the state just after an event, and the entry for the log.
 
     Releasing a grasp that has opened before (because it slipped) changes nothing; the log entry says so.

@@ -16,23 +16,8 @@ from holdfast.forces.margins import conditions, joint_coordinates, margin_of_row
 from holdfast.forces.row_wrenches import contact_wrenches
 from holdfast.model.grasp_rows import GraspRow, grasp_rows
 from holdfast.simulation.margins import JOINT_QUANTITIES, Quantity, Signals, freedom_names, giving_way
+from holdfast.simulation.mechanism_stepper import MechanismMoment
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
-
-
-@dataclass(frozen=True, eq=False)
-class MechanismInstant:
-    """What the margins depend on at one time.
-
-    Attributes:
-        state: positions and velocities.
-        tau: (n,) torques of the drives.
-        wrench: (rows, 6) wrenches of the run's grasps and loops, zero where none is closed.
-    """
-
-    state: State
-    tau: Array
-    wrench: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +38,11 @@ class MechanismSignals(Signals):
         """The rows of the grasps and loops that are closed now, by their place."""
         now = {row.name: row for row in grasp_rows(self.chain)}
         return {i: now[row.name] for i, row in enumerate(self.rows) if row.name in now}
+
+    @cached_property
+    def holding(self) -> Array:
+        """Whether each of the rows is closed now."""
+        return np.isin(np.arange(len(self.rows)), [*self.closed])
 
     @cached_property
     def names(self) -> list[str]:
@@ -77,17 +67,28 @@ class MechanismSignals(Signals):
         grasps = [i in self.limited_rows for i in range(len(self.rows))]
         return np.flatnonzero(np.array([*grasps, *self.joint_limits.limited.flat]))
 
-    def margins(self, at: MechanismInstant) -> Array:
-        """Return all margins at an instant, (rows + 3 n,). O(rows + n), and O(bodies) with limited loops."""
+    def of_each(self, instants: Sequence[Any]) -> Array:
+        """Return all margins at several instants, (instants, rows + 3 n). O(rows + n), O(bodies) with limited loops."""
+        return np.array([self._of(at) for at in instants])
+
+    def _of(self, at: MechanismMoment) -> Array:
         found = np.full(len(self.rows), np.inf)
         for i, wrench in self._wrenches(at).items():
             found[i] = margin_of_row(self.limited_rows[i], wrench)
         q = joint_coordinates(self.chain, at.state.q)
         return np.concatenate([found, *margins_of_joints(self.joint_limits, q, at.state.qd, at.tau)])
 
-    def _wrenches(self, at: MechanismInstant) -> dict[int, Array]:
+    def wrenches(self, at: MechanismMoment) -> Array:
+        """Return the wrenches of the run's grasps and loops, (rows, 6); zero where none is closed."""
+        found = np.zeros((len(self.rows), 6))
+        for i, row in self.closed.items():
+            found[i] = at.account.closure_wrench[self.chain.as_forest.closures[row.key]]
+        return found
+
+    def _wrenches(self, at: MechanismMoment) -> dict[int, Array]:
         """Return the wrenches of the rows with limits in contact axes."""
-        return contact_wrenches(self.chain, at.state, at.wrench, self.limited_rows)
+        limited = self.limited_rows
+        return contact_wrenches(self.chain, at.state, self.wrenches(at), limited) if limited else {}
 
     def description(self, at: Any, signal: int) -> str:
         """Return a sentence on what happens when the margin reaches zero."""

@@ -12,18 +12,18 @@ import numpy as np
 
 from holdfast.dynamics.near_singular import NEAR_SINGULAR, nearly_lost, weakest_strength
 from holdfast.errors import HoldfastError
+from holdfast.model.grasp_rows import row_name
 from holdfast.simulation.adaptive import first_proposal
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.contact_events import reached, require_progress, with_modes
 from holdfast.simulation.contact_signals import ContactSignals
-from holdfast.simulation.events import Attach, Occurrence, happen
+from holdfast.simulation.events import Attach, Occurrence
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER
 from holdfast.simulation.run_record import Listeners, RunRecord
 from holdfast.simulation.run_step import RunState, stepped
-from holdfast.simulation.sample import sample
 from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with, suited
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
@@ -120,7 +120,7 @@ def _jumped(at: RunState) -> RunState:
     news = []
     for event in happening:
         _, inputs = segment.environment.at(t, state)
-        chain, state, one = happen(event, chain, state, inputs)
+        chain, state, one = segment.happen(event, chain, state, inputs)
         base_impulse = sums.base_impulse
         for (name, arm), impulse in zip(chain.arms.items(), one.base_impulses, strict=False):
             if name not in chain.mounts:
@@ -140,8 +140,8 @@ def _jumped(at: RunState) -> RunState:
     origin = replace(origin, memory=memory)
     segment, origin, sums, touches = with_modes(segment, origin, sums, at.now.touch)
     now = segment.at(origin)
-    for name in set(before.grasps) - set(chain.grasps):
-        tracker = tracker.without(chain.names.index(name))
+    for key in set(before.grasps) - set(chain.grasps):
+        tracker = tracker.without(segment.signals.names.index(row_name(key)))
     happened = saved.event + len(happening)
     saved = replace(saved, now=origin, stop=saved.stop + 1, event=happened, sums=sums, tracker=tracker, held=held)
     return _stretch_begins(segment, saved, now, gaps, [*news, *touches])
@@ -151,7 +151,7 @@ def _opened(at: RunState, signal: int) -> RunState:
     """Return the run after a grasp that cannot hold has opened; velocities stay the same."""
     name = at.segment.signals.names[signal]
     origin = Origin(just_after(at.now.t), at.now.state, at.now.memory)
-    grasps = {arm: grasp for arm, grasp in at.checkpoint.grasps.items() if arm != name}
+    grasps = {key: grasp for key, grasp in at.checkpoint.grasps.items() if row_name(key) != name}
     segment, stiff = suited(segment_with(at.segment, grasps, origin), origin.t, origin.state)
     news = Occurrence(at.now.t, "release", name, f"'{name}' is released: it cannot hold")
     segment, origin, sums, touches = with_modes(segment, origin, at.checkpoint.sums, at.now.touch)
@@ -272,9 +272,7 @@ class Pace:
 
 def _sample(at: RunState, happened: tuple[Occurrence, ...]) -> Trajectory:
     """Return the run of one sample at an accepted instant."""
-    environment, accounting = at.segment.environment, at.segment.stepper.accounts
-    names = at.segment.settings.recording.names
-    return sample(environment, accounting, at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, names, happened)
+    return at.segment.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened)
 
 
 def next_or_reason(at: RunState) -> RunState | str | None:
@@ -282,7 +280,8 @@ def next_or_reason(at: RunState) -> RunState | str | None:
     try:
         return next_state(at)
     except HoldfastError as cause:
-        return f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now, at.previous)}"
+        why = reason(cause, at.now, at.previous) if at.segment.finds_singular else str(cause)
+        return f"stopped after t = {at.now.t:.6g} s: {why}"
 
 
 def reason(cause: HoldfastError, last: Instant, previous: Instant | None) -> str:

@@ -157,8 +157,7 @@ class Listeners(NamedTuple):
         progress: called with the time after every step.
         on_sample: called with every sample.
         on_checkpoint: called after that with the checkpoint.
-        on_samples: each called with the samples of one or more steps and the checkpoint after the last, which is None
-            for a run of a forest.
+        on_samples: each called with the samples of one or more steps and the checkpoint after the last.
         on_disk: returns an array of the samples that were given to `on_samples`, by name; None if they are not kept.
     """
 

@@ -33,7 +33,7 @@ from holdfast.simulation.singular_configuration import (
 from holdfast.simulation.stability import elsewhere
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Advance, Stepper
-from holdfast.simulation.verification import MarginCurves, StepMargins, evaluation_times, in_doubt, minima, verify
+from holdfast.simulation.verification import MarginCurves, StepMargins, in_doubt, minima, verify
 from holdfast.spatial.scalar import Array
 
 LARGEST_RATE = 1e30  # rad/s or m/s: the squares of faster rates soon overflow float64
@@ -75,6 +75,8 @@ def stepped(at: RunState) -> RunState:
     """Return the run after a step, or ended before a singular configuration that it may not pass."""
     segment, now, settings = at.segment, at.now, at.segment.settings
     until = float(settings.stops.times[at.checkpoint.stop])
+    if not segment.finds_singular:
+        return _step_to(at, until)
     goes_on = settings.policy.on_singular == "continue"
     proposal = at.checkpoint.proposal
     step = settings.longest_step if proposal is None else proposal.step
@@ -220,7 +222,7 @@ def _step_to(
         curves.advances[reached.t] = reached
         curves.margins[reached.t] = segment.margins(reached.instant)
         until = reached.t
-    times = evaluation_times(now.t, until, segment.scheme.c.tolist()) if len(signals.limited) else [until]
+    times = segment.evaluation_times(now.t, until)
     _screen(curves, at, stepper or segment.stepper, times)
     found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest)
     end = found.end

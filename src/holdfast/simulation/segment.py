@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,27 +14,33 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.contact.fixed_modes import ContactModes
 from holdfast.dynamics.rank import closed_near
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.adaptive_parts import RTOL_OF_PARTS as PARTS_RTOL
 from holdfast.simulation.adaptive_parts import AdaptivePartsStepper, HalvedPartsStepper
+from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.collocation import CollocationStepper
 from holdfast.simulation.contact_signals import ContactSignals
 from holdfast.simulation.contact_stepper import ContactStepper
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.events import Event, Occurrence
+from holdfast.simulation.events import Event, Happened, Occurrence, happen
 from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
 from holdfast.simulation.run_record import RecordSettings
 from holdfast.simulation.runge_kutta import IMEX, Tableau, dop853
+from holdfast.simulation.sample import sample
 from holdfast.simulation.stability import too_fast
+from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Stepper, SubdividingStepper
 from holdfast.simulation.stops import Stops
+from holdfast.simulation.trajectory import Trajectory
+from holdfast.simulation.verification import evaluation_times
 from holdfast.simulation.zero_order_hold import AskedOnce, HeldTorques, ZeroOrderHold, held_torques_law, sampled
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.state import Inputs, State
 
 MakeStepper = Callable[[Environment, Controller, int, Tableau, Tolerance], Stepper]
 
@@ -56,6 +62,7 @@ class RunSettings:
         stops: times at which steps must end.
         recording: what is recorded.
         by_impulses: whether contacts with the world are followed by steps with impulses instead of events.
+        make_segment: makes the segments, `Segment` or a class derived from it.
     """
 
     environment: Environment
@@ -70,6 +77,7 @@ class RunSettings:
     stops: Stops
     recording: RecordSettings
     by_impulses: bool = False
+    make_segment: Callable[..., Segment] = field(default_factory=lambda: Segment)
 
     @property
     def end(self) -> float:
@@ -96,6 +104,8 @@ class Segment:
         contacts: what the contacts with the world do; None without any.
         least_gap: (k,) gaps below which open contacts touch, see `ContactSignals`; None without contacts.
     """
+
+    finds_singular: ClassVar[bool] = True  # whether singular configurations within steps are looked for
 
     settings: RunSettings
     environment: Environment
@@ -155,6 +165,46 @@ class Segment:
         """Indices of the signals that end a step when they become negative."""
         return self.settings.policy.acting(self.signals)
 
+    def evaluation_times(self, begin: float, end: float) -> list[float]:
+        """Return the times after `begin` at which the margins of a step to `end` are evaluated [s]."""
+        return evaluation_times(begin, end, self.scheme.c.tolist()) if len(self.signals.limited) else [end]
+
+    def require_closed(self, start: Origin) -> None:
+        """Refuse a start that violates a grasp.
+
+        Raises:
+            StateError: naming the gap.
+        """
+        chain, inputs = self.environment.at(start.t, start.state)
+        tau = np.zeros(chain.joint_count)
+        require_closed(chain_motion(chain, start.state, tau, inputs.shaped(chain)), start.state)
+
+    def rank_near(self, start: Origin) -> int:
+        """Return the rank of the constraint at the start, projected onto the grasps.
+
+        Raises:
+            StateError: the controller's torques have a wrong shape or are not finite.
+            SingularChainError: the configuration is singular.
+        """
+        chain, inputs = self.environment.at(start.t, start.state)
+        state = closed_near(chain, start.state, inputs) or start.state
+        return evaluate(self.environment, self.controller, start.t, state, start.memory).result.rank
+
+    def too_fast(self, t: float, state: State) -> str | None:
+        """Return why explicit steps are too long for the joints; None if they are not."""
+        return too_fast(self.environment.chain_at(t), state, self.settings.longest_step, self.scheme)
+
+    def happen(self, event: Event, chain: ClosedChain, state: State, inputs: Inputs) -> Happened:
+        """Return the chain and the state just after an event, and the entry for the log; see `events.happen`."""
+        return happen(event, chain, state, inputs)
+
+    def sample(
+        self, at: Instant, gaps: Gaps, sums: Sums, times: Array, margins: Array, happened: tuple[Occurrence, ...]
+    ) -> Trajectory:
+        """Return the run of one sample; see `sample.sample`."""
+        accounts, names = self.stepper.accounts, self.settings.recording.names
+        return sample(self.environment, accounts, at, gaps, sums, times, margins, names, happened)
+
     def at(self, origin: Origin) -> Instant:
         """Return the instant of an accepted time, state and memory, without projection."""
         return self.stepper.evaluate(origin.t, origin.state, origin.memory)
@@ -201,34 +251,19 @@ def first_segment(settings: RunSettings, start: Origin) -> Segment:
         SingularChainError: the configuration is singular.
     """
     # the generic rank is determined with neighbouring configurations; later, any lower rank is a singularity
-    environment = settings.environment
-    chain, inputs = environment.at(start.t, start.state)
-    tau = np.zeros(chain.joint_count)
-    require_closed(chain_motion(chain, start.state, tau, inputs.shaped(chain)), start.state)
-    segment = Segment(settings, environment, settings.controller, -1)
-    return replace(segment, generic_rank=_rank_near(environment, segment.controller, start))
+    segment = settings.make_segment(settings, settings.environment, settings.controller, -1)
+    segment.require_closed(start)
+    return replace(segment, generic_rank=segment.rank_near(start))
 
 
-def segment_with(before: Segment, grasps: Mapping[str, Grasp], start: Origin) -> Segment:
+def segment_with(before: Segment, grasps: Mapping[Any, Grasp], start: Origin) -> Segment:
     """Return the segment that begins when grasps close or open.
 
     Raises:
         SingularChainError: the configuration is singular with these grasps.
     """
     segment = resumed_segment(before.settings, grasps, -1, before.implicit)
-    return replace(segment, generic_rank=_rank_near(segment.environment, segment.controller, start))
-
-
-def _rank_near(environment: Environment, controller: Controller, start: Origin) -> int:
-    """Return the rank of the constraint at the start, projected onto the grasps; singular configurations are refused.
-
-    Raises:
-        StateError: the controller's torques have a wrong shape or are not finite.
-        SingularChainError: the configuration is singular.
-    """
-    chain, inputs = environment.at(start.t, start.state)
-    state = closed_near(chain, start.state, inputs) or start.state
-    return evaluate(environment, controller, start.t, state, start.memory).result.rank
+    return replace(segment, generic_rank=segment.rank_near(start))
 
 
 def suited(segment: Segment, t: float, state: State) -> tuple[Segment, tuple[Occurrence, ...]]:
@@ -239,15 +274,14 @@ def suited(segment: Segment, t: float, state: State) -> tuple[Segment, tuple[Occ
         t: time [s].
         state: positions and velocities at that time.
     """
-    settings = segment.settings
-    why = too_fast(segment.environment.chain_at(t), state, settings.longest_step, segment.scheme)
+    why = segment.too_fast(t, state)
     if why is None:
         return segment, ()
     text = f"steps are linearly implicit from here ({IMEX.name}): {why}"
     return replace(segment, implicit=True), (Occurrence(t, "stiff", "joints", text),)
 
 
-def resumed_segment(settings: RunSettings, grasps: Mapping[str, Grasp], generic_rank: int, implicit: bool) -> Segment:
+def resumed_segment(settings: RunSettings, grasps: Mapping[Any, Grasp], generic_rank: int, implicit: bool) -> Segment:
     """Return the segment with the given grasps, generic rank and kind of steps.
 
     If the controller has a method `for_chain(chain)`, the segment uses the controller that this method returns.
@@ -255,4 +289,5 @@ def resumed_segment(settings: RunSettings, grasps: Mapping[str, Grasp], generic_
     chain = replace(settings.environment.chain, grasps=grasps)
     for_chain = getattr(settings.controller, "for_chain", None)
     law = settings.controller if for_chain is None else for_chain(chain)
-    return Segment(settings, replace(settings.environment, chain=chain), law, generic_rank, implicit)
+    environment = replace(settings.environment, chain=chain)
+    return settings.make_segment(settings, environment, law, generic_rank, implicit)

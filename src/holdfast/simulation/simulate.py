@@ -25,6 +25,7 @@ from holdfast.control.controller import (
     require_controller,
 )
 from holdfast.control.traced_law import require_function
+from holdfast.dynamics.tree.forest_inverse import inverse_code
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
@@ -37,7 +38,8 @@ from holdfast.simulation.contact_events import EVENTS_WAY, IMPULSES_WAY, require
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
-from holdfast.simulation.mechanism_run import attached_later, mechanism_run, require_openable
+from holdfast.simulation.mechanism_segment import MechanismSegment, attached_later, require_openable
+from holdfast.simulation.mechanism_stepper import MechanismSteppers
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
 from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
 from holdfast.simulation.run_record import EVERYTHING, Listeners, record_settings, require_memory
@@ -84,7 +86,7 @@ def simulate(
     progress: bool | Callable[[float], object] | None = None,
     on_sample: Callable[[Trajectory], None] | None = None,
     on_checkpoint: Callable[[Checkpoint], None] | None = None,
-    on_samples: Callable[[Trajectory, Checkpoint | None], None] | None = None,
+    on_samples: Callable[[Trajectory, Checkpoint], None] | None = None,
     make_stepper: MakeStepper | None = None,
     name: str = "run",
     folder: str | PathLike[str] | None = None,
@@ -97,9 +99,10 @@ def simulate(
     The margins of one-sided grasps and of joint limits are also evaluated inside every step; `simulation.verification`
     states which violations are certain to be found. For a chain without such limits this costs nothing.
 
-    A chain with branches, loops, couplings or several objects is simulated by "rk4" in fixed steps, after each of which
-    its forest is closed. The margins of its joints, grasps and loops are evaluated at the end of every step, by the
-    smallest forces if these are not unique; what is violated only within a step is not found.
+    A chain with branches, loops, couplings or several objects is simulated by the same schemes but "imex", with bases
+    that stand. The margins of its joints, grasps and loops are evaluated at the ends of steps only, by the smallest
+    forces if these are not unique. A shorter violation is found if it shows as a minimum between three of them.
+    Singular configurations end a run only where no accelerations exist.
 
     Args:
         chain: arms, object and grasps.
@@ -147,7 +150,7 @@ def simulate(
         on_sample: called with every recorded sample; samples of up to 128 steps come one after another.
         on_checkpoint: called after `on_sample` with a checkpoint from which the run can be continued.
         on_samples: called with the samples of one or more steps as a run, and the checkpoint after the last of them, to
-            which what has happened belongs; None for a chain that is answered as a forest.
+            which what has happened belongs.
         make_stepper: returns the stepper. By default steps are compiled to machine code if there are enough of them.
         name: name of the run in pages and files.
         folder: result folder to which the samples are appended while the run goes on, at least every 5 seconds. It can
@@ -171,11 +174,8 @@ def simulate(
     """
     forest = answered_as_forest(chain)
     if forest:
-        given = {"base_motion": base_motion or None, "largest_drift": largest_drift, "start": start}
-        given |= {"on_checkpoint": on_checkpoint, "make_stepper": make_stepper}
-        given |= {"sample_time": at_samples(controller, sample_time, delay)[1]}
-        require_unused(**{argument: x is not None for argument, x in given.items()})
-        require_unused(delay=delay != 0.0, on_singular=on_singular != "stop", scheme=scheme != "rk4")
+        require_unused(base_motion=bool(base_motion), make_stepper=make_stepper is not None)
+        require_unused(on_singular=on_singular != "stop", scheme=scheme == "imex")
     else:
         serial_chain(chain, "simulation: chain")
     checks.instance(state, State, "simulation: state", StateError)
@@ -200,7 +200,9 @@ def simulate(
         ends = stops(grid, [*jumps, *hold.jumps], happening, ALIKE * step, hold.asked.tolist())
     environment = Environment(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
     policy, tolerance = Policy(on_slip, on_limit, on_singular), Tolerance(rtol, atol)
-    make = make_stepper or partial(stepper_for, steps=int((~ends.jumps).sum()))
+    steps = int((~ends.jumps).sum())
+    of_forest = MechanismSteppers(steps) if forest else None
+    make = make_stepper or of_forest or partial(stepper_for, steps=steps)
     wanted = record_settings(record, every, step, chain)
     if folder is None:
         require_memory(len(grid), wanted.every)
@@ -214,6 +216,7 @@ def simulate(
         require_openable(chain, policy)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
     settings = replace(settings, by_impulses=contacts == IMPULSES_WAY)
+    settings = replace(settings, make_segment=MechanismSegment) if forest else settings
 
     verified = EVALUATIONS if joint_limits(chain).limited.any() else 1
     calls = 0 if forest or chain.touching is not None else len(ends.times) * (1 if hold else len(named.c) * verified)
@@ -228,18 +231,15 @@ def simulate(
     setting = Setting(chain, environment.base_motion, name, float(duration), float(step), options)
     doing, begin = f"simulating {name}", f"{duration:g} s in {len(grid) - 1} steps"
     with (
-        laws_by_machine_code(chain, calls),
+        laws_by_machine_code(chain, calls, of_forest),
         reporting(progress, doing, begin, of_time(duration)) as tell,
         _appending(folder, overwrite, setting, ends.times) as on_disk,
     ):
         told = [one for one in (None if on_disk is None else on_disk.add, on_samples) if one is not None]
         read = None if on_disk is None else on_disk.read
         listeners = Listeners(tell, on_sample, on_checkpoint, told, read)
-        if forest:
-            run = mechanism_run(settings, state, setting.rows, listeners)
-        else:
-            at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
-            run = recorded_run(at, start is not None, listeners)
+        at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
+        run = recorded_run(at, start is not None, listeners)
         moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
         run = changed(run, setting=replace(setting, base_motion=moved))
         if on_disk is not None:
@@ -262,15 +262,18 @@ def _appending(folder: str | PathLike[str] | None, overwrite: bool, setting: Set
 
 
 @contextmanager
-def laws_by_machine_code(chain: ClosedChain, calls: int) -> Iterator[None]:
+def laws_by_machine_code(chain: ClosedChain, calls: int, of_forest: MechanismSteppers | None = None) -> Iterator[None]:
     """Within this context, evaluate the library's controllers and control laws with machine code if it is worthwhile.
 
     Args:
         chain: the chain that they control.
         calls: approximate number of evaluations.
+        of_forest: the steppers of a run of a chain that is answered as a forest.
     """
     token = machine_code.set(CompiledLaws(chain) if calls >= CALLS_WORTH_COMPILING else None)
+    of_inverse = inverse_code.set(None if of_forest is None else of_forest.inverse)
     try:
         yield
     finally:
+        inverse_code.reset(of_inverse)
         machine_code.reset(token)

@@ -55,6 +55,7 @@ class ForestInstant(NamedTuple):
         coupling_force: (couplings,) forces of the couplings.
         unique: whether the forces are unique.
         condition: dimensionless condition number of the constraint; see `ForestResult`.
+        rank: rank of the constraint.
     """
 
     qdd: Array
@@ -64,6 +65,7 @@ class ForestInstant(NamedTuple):
     coupling_force: Array
     unique: bool
     condition: float
+    rank: int
 
 
 class ForestAccount(NamedTuple):
@@ -110,7 +112,7 @@ class ForestReference(NamedTuple):
         motion, _, found = solved_forest(given, check=False)
         rates, power = position_rates(given.forest, given.q, given.qd), np.array(power_into(given, motion))
         forces = found.closure_wrench, found.coupling_force
-        return ForestInstant(found.qdd, rates, power, *forces, found.status is Status.OK, found.condition)
+        return ForestInstant(found.qdd, rates, power, *forces, found.status is Status.OK, found.condition, found.rank)
 
     def closing(self, q: Array, qd: Array) -> ClosingRound:
         """See `ForestEngine`."""
@@ -130,44 +132,60 @@ def gaps_and_energies(given: ForestArguments) -> tuple[Scalar, Scalar, Scalar, S
 
 
 class ForestSample(NamedTuple):
-    """A forest at the end of a step.
+    """A forest at one time.
 
     Attributes:
         t: time [s].
         given: its arguments.
         now: its accelerations.
-        work: (4,) work since the start, in the order of the power, by the same weights as the motion [J].
-        drift: the largest gaps in position and velocity that the step left before it was closed.
     """
 
     t: float
     given: ForestArguments
     now: ForestInstant
+
+
+class ForestStep(NamedTuple):
+    """A step of a forest, closed.
+
+    Attributes:
+        q: (n_q,) positions at its end.
+        qd: (n_v,) rates there.
+        work: (4,) work during the step, in the order of the power, by the same weights as the motion [J].
+        drift: the largest gaps in position and velocity before it was closed.
+        estimates: the scheme's estimates of the error of (q, qd, work), (n_q + n_v + 4,) each.
+    """
+
+    q: Array
+    qd: Array
     work: Array
     drift: tuple[float, float]
+    estimates: list[Array]
 
 
-Acting = Callable[[float, Array, Array, bool], ForestArguments]  # of t, q, qd and whether a step begins
-NO_DRIFT = (0.0, 0.0)
+Acting = Callable[[float, Array, Array], ForestArguments]  # of t, q and qd
+Slope = Callable[[float, Array], Array]  # of the time and the increment since the start
+Scheme = Callable[[Array, float, Slope], tuple[Array, list[Array]]]
 
 
-def forest_start(
-    engine: ForestEngine, acting: Acting, t: float, q: Array, qd: Array, work: Array | None = None
-) -> ForestSample:
-    """Return a forest at the start of a run, or after a jump; arguments as for `forest_steps`.
+def classical(first: Array, h: float, slope: Slope) -> tuple[Array, list[Array]]:
+    """Return the increment of the classical Runge-Kutta scheme, and no estimates of its error.
 
-    Raises:
-        StateError: it does not satisfy its closures and couplings.
+    Args:
+        first: slope at the start.
+        h: the step's length [s].
+        slope: function of the time and the increment since the start.
     """
-    given = acting(t, q, qd, True)
-    require_closed(given.motion({}), q, qd)
-    return ForestSample(t, given, engine.instant(given), np.zeros(4) if work is None else work, NO_DRIFT)
+    b = slope(0.5 * h, 0.5 * h * first)
+    c = slope(0.5 * h, 0.5 * h * b)
+    d = slope(h, h * c)
+    return h / 6.0 * (first + 2.0 * b + 2.0 * c + d), []
 
 
 def forest_step(
-    engine: ForestEngine, acting: Acting, start: ForestSample, until: float, begins: bool = True
-) -> ForestSample:
-    """Return a forest after one step.
+    engine: ForestEngine, acting: Acting, start: ForestSample, until: float, scheme: Scheme = classical
+) -> ForestStep:
+    """Return one step of a forest.
 
     Where some rows follow from others, they contradict each other beside closed states. The stages of a step are then
     closed, too, which is the same scheme for accelerations that depend on the nearest closed state.
@@ -177,26 +195,29 @@ def forest_step(
         acting: returns the arguments of the forest at a time and state.
         start: the forest before the step.
         until: time at the end of the step [s].
-        begins: whether a step begins at its end; False for a step that is only tried.
+        scheme: returns the increment of (q, qd, work) and estimates of its error.
+
+    Raises:
+        ClosureError: the step cannot be closed.
+        StateError: it overflows.
+        SingularChainError: no accelerations satisfy the closures.
     """
     forest = start.given.forest
-    n_q, n_v, t, h = forest.position_count, forest.velocity_count, start.t, until - start.t
-    x = np.concatenate([start.given.q, start.given.qd, start.work])
+    n_q, n_v, t = forest.position_count, forest.velocity_count, start.t
+    x = np.concatenate([start.given.q, start.given.qd, np.zeros(4)])
 
-    def rates(t: float, x: Array) -> Array:
-        q, qd = unit_quaternions(forest, x[:n_q]), x[n_q : n_q + n_v]
+    def slope(later: float, y: Array) -> Array:
+        q, qd = unit_quaternions(forest, (x + y)[:n_q]), (x + y)[n_q : n_q + n_v]
         if not start.now.unique:
             q, qd, _ = closed_near(engine, forest, q, qd)
-        return _rates(engine.instant(acting(t, q, qd, False)))
+        return _rates(engine.instant(acting(t + later, q, qd)))
 
-    a = _rates(start.now)
-    b = rates(t + 0.5 * h, x + 0.5 * h * a)
-    c = rates(t + 0.5 * h, x + 0.5 * h * b)
-    d = rates(t + h, x + h * c)
-    x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-    q, qd, drift = closed_near(engine, forest, unit_quaternions(forest, x[:n_q]), x[n_q : n_q + n_v])
-    given = acting(until, q, qd, begins)
-    return ForestSample(until, given, engine.instant(given), x[n_q + n_v :], drift)
+    y, estimates = scheme(_rates(start.now), until - t, slope)
+    if not np.isfinite(y).all():
+        raise StateError("the step overflows float64; try a smaller time step")
+    moved = x + y
+    q, qd, drift = closed_near(engine, forest, unit_quaternions(forest, moved[:n_q]), moved[n_q : n_q + n_v])
+    return ForestStep(q, qd, y[n_q + n_v :], drift, estimates)
 
 
 def _rates(now: ForestInstant) -> Array:
@@ -214,10 +235,14 @@ def forest_steps(engine: ForestEngine, q: Array, qd: Array, acting: Acting, time
         acting: returns the arguments of the forest at a time and state.
         times: (steps + 1,) increasing times [s].
     """
-    sample = forest_start(engine, acting, float(times[0]), q, qd)
+    given = acting(float(times[0]), q, qd)
+    require_closed(given.motion({}), q, qd)
+    sample = ForestSample(float(times[0]), given, engine.instant(given))
     yield sample
     for t in times[1:].tolist():
-        sample = forest_step(engine, acting, sample, t)
+        step = forest_step(engine, acting, sample, t)
+        given = acting(t, step.q, step.qd)
+        sample = ForestSample(t, given, engine.instant(given))
         yield sample
 
 
@@ -269,7 +294,7 @@ def forest_simulate(
     count = math.ceil(total / longest - 1e-9)
     h = total / count
 
-    def acting(t: float, at: Array, rates: Array, begins: bool) -> ForestArguments:
+    def acting(t: float, at: Array, rates: Array) -> ForestArguments:
         tau = np.zeros(n) if torque is None else checks.numbers(torque(t, at, rates), (n,), "torque", StateError)
         return ForestArguments(forest, at, rates, tau, given.wrenches)
 
