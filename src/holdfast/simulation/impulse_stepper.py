@@ -35,6 +35,7 @@ from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.dynamics.contact.touch import impulse_response
 from holdfast.dynamics.contact.touching_chain import CLOSED
 from holdfast.dynamics.projection import Change, displaced_by, largest_gaps, quickened
+from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.contact_stepper import ContactStepper
@@ -193,11 +194,9 @@ def pushed_out(chain: ClosedChain, state: State, held: Array | None) -> State:
     return state
 
 
-def _as_found(
-    chain: ClosedChain, state: State, acceleration: Array, held: Array | None, force: Array, mode: Array
-) -> Touch:
+def _as_found(chain: ClosedChain, state: State, free: ForwardResult, force: Array, mode: Array) -> Touch:
     """Return the contacts with known forces."""
-    del acceleration, held
+    del free
     assert chain.touching is not None
     rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
     u, k = rows.velocity(state.object_twist), len(mode)
