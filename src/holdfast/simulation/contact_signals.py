@@ -26,6 +26,7 @@ from holdfast.spatial.scalar import Array
 OPENING, FORCE, CONE, SLIP = range(4)
 QUANTITIES: tuple[Quantity, ...] = ("gap", "normal force", "friction", "slip")
 GAP_ROUNDING = 1e-14  # m
+SLIP_ROUNDING = 1e-13  # m/s: slip that has just begun with next to no acceleration
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +83,7 @@ class ContactSignals(Signals):
         found[~is_open, FORCE] = force[~is_open, 2]
         left = touch.rows.friction * force[:, 2] - np.linalg.norm(force[:, tangents(force)], axis=1)
         found[sticks, CONE] = left[sticks]
-        found[:, SLIP] = touch.slip_speed
+        found[:, SLIP] = touch.slip_speed + SLIP_ROUNDING
         return found.ravel()
 
     def description(self, at: Any, signal: int) -> str:

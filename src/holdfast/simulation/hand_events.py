@@ -9,8 +9,8 @@ import numpy as np
 
 from holdfast.dynamics.contact.decided_modes import Decision, Reached
 from holdfast.dynamics.contact.fixed_modes import ContactModes
-from holdfast.dynamics.contact.sliding_hands import Hand, point_owners, regripped
-from holdfast.dynamics.contact.solved_contacts import ContactMode
+from holdfast.dynamics.contact.sliding_hands import Hand, may_slide, point_owners, regripped
+from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactStatus
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -60,12 +60,13 @@ def spent_grasps(segment: Segment, at: Instant, margins: np.ndarray) -> frozense
     if segment.settings.policy.on_slip != SLIDE:
         return frozenset()
     none = SAME_TIME * float(np.abs(at.result.grasp_wrench).max(initial=0.0))
-    return frozenset(name for i, name in enumerate(chain.names) if name in chain.grasps and margins[i] < none)
+    able = slidable(segment)
+    return frozenset(name for i, name in enumerate(chain.names) if name in able and margins[i] < none)
 
 
 def slidable(segment: Segment) -> list[str]:
-    """Return the arms whose grasps hold by friction."""
-    return [name for name, grasp in segment.environment.chain.grasps.items() if grasp.contact is not None]
+    """Return the arms whose grasps may slide."""
+    return [name for name, grasp in segment.environment.chain.grasps.items() if may_slide(grasp)]
 
 
 class Taking(NamedTuple):
@@ -74,10 +75,14 @@ class Taking(NamedTuple):
     Attributes:
         hands: those that slide, then those that hold so far.
         grasps: the grasps of the latter.
+        spent: arms whose grasps have no margin left.
+        sticking: arms of hands without grasps that do not slide at present.
     """
 
     hands: tuple[Hand, ...]
     grasps: dict[str, Grasp]
+    spent: frozenset[str]
+    sticking: frozenset[str]
 
 
 def taking_part(segment: Segment, by: Reached | None) -> Taking:
@@ -86,23 +91,31 @@ def taking_part(segment: Segment, by: Reached | None) -> Taking:
     These are all that slide, those whose margins are spent, and all balls and soft fingers, whose impulses have the
     same cones as their forces.
     """
-    chain = segment.environment.chain
+    chain, spent = segment.environment.chain, frozenset[str]() if by is None else by.spent
     nothing = by is None and chain.touching is None and not segment.hands
     if segment.settings.policy.on_slip != SLIDE or nothing:
-        return Taking(segment.hands, {})
-    spent = frozenset() if by is None else by.spent
+        return Taking(segment.hands, {}, spent, frozenset())
     held = {}
     for name, grasp in chain.grasps.items():
-        at_a_point = grasp.contact is not None and grasp.of_kind.size in (None, "torsion_radius")
-        if grasp.contact is not None and (name in spent or at_a_point):
+        if may_slide(grasp) and (name in spent or grasp.of_kind.size != "half_length"):
             held[name] = grasp
-    return Taking((*segment.hands, *(Hand(name, grasp) for name, grasp in held.items())), held)
+    sticking: set[str] = set()
+    if segment.contacts is not None:
+        owners = point_owners(segment.hands)
+        moving = segment.contacts.mode[len(segment.contacts.mode) - len(owners) :] != ContactMode.STICKS
+        sliding = {segment.hands[i].arm for i, moves in zip(owners, moving, strict=True) if moves}
+        sticking = {hand.arm for hand in segment.hands} - sliding
+    hands = (*segment.hands, *(Hand(name, grasp) for name, grasp in held.items()))
+    return Taking(hands, held, spent, frozenset(sticking))
 
 
 def hands_after(
     chain: ClosedChain, found: Decision, taking: Taking, t: float
 ) -> tuple[dict[str, Grasp], ContactModes, list[Occurrence]]:
     """Return the grasps and the modes from an instant on, and entries for the log.
+
+    A hand that sticks gets a grasp where its tip is. If forces are not unique, as with rigid arms that share the load
+    with a table, it stays a contact that sticks: a grasp would take the whole load.
 
     Args:
         chain: the chain without the hands that took part.
@@ -112,14 +125,16 @@ def hands_after(
     """
     modes, owners = found.modes, np.array(point_owners(taking.hands), int)
     of_world = len(modes.mode) - len(owners)
-    holds, slides, news = [], [], []
+    unique, holds, slides, news = found.status is ContactStatus.OK, [], [], []
     for i, hand in enumerate(taking.hands):
         points = of_world + np.flatnonzero(owners == i)
-        mode, held = modes.mode[points], hand.arm in taking.grasps
+        mode = modes.mode[points]
+        held = hand.arm in taking.grasps or hand.arm in taking.sticking
         impulse = found.impulse[points].sum(axis=0)
         pushed: tuple[float, ...] = tuple(impulse.tolist()) if impulse.any() else ()
         if (mode == ContactMode.STICKS).all():
-            holds.append(hand)
+            grips = unique or (hand.arm in taking.grasps and hand.arm not in taking.spent)
+            (holds if grips else slides).append(hand)
             if not held:
                 news.append(Occurrence(t, "stick", hand.arm, f"'{hand.arm}' holds again where it is", impulse=pushed))
         elif (mode == ContactMode.OPEN).all():

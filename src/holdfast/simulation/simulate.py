@@ -185,11 +185,11 @@ def simulate(
     require_controller(controller)
     checks.name(name, "simulation: name")
     named = scheme_named(scheme)
+    if on_slip == SLIDE:
+        require_slidable(chain, bool(base_motion), contacts, named.adaptive)
     unsupported = {"start": start, "on_checkpoint": on_checkpoint, "make_stepper": make_stepper}
     unsupported |= {"largest_drift": largest_drift}
     require_contacts(chain, contacts, named, on_singular, [what for what, x in unsupported.items() if x is not None])
-    if on_slip == SLIDE:
-        require_slidable(chain, bool(base_motion), contacts, named.adaptive)
     grid = step_times(duration, step)
     state.fits(chain)
     ordered = in_order(events, chain, float(grid[-1]))

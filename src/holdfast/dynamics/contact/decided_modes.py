@@ -233,7 +233,8 @@ def _beginning(
 ) -> dict[int, Array]:
     """Return the directions in which points of hands begin to slip that can no longer hold, though they seem to.
 
-    These are the ones at their limits; if there is none, all that press: the hand then fails only as a whole.
+    These are the ones at their limits. If there is none, although forces are unique, it is all that press: the hand
+    then fails as a whole.
     """
     along = tangents(found.force)
     seem = [
@@ -243,7 +244,8 @@ def _beginning(
     ]
     used = [np.linalg.norm(f[along]) >= (1.0 - VANISHED) * rows.friction[j] * f[2] for j, f in seem]
     changed = any(m != ContactMode.STICKS for j, m in zip(stays.tolist(), found.mode, strict=True) if j in spent)
-    used = used if changed or any(used) else [True] * len(seem)
+    whole = found.status is ContactStatus.OK and not (changed or any(used))
+    used = [True] * len(seem) if whole else used
     return {
         j: slip_in_world(rows.axes[j], -f[along] / max(float(np.linalg.norm(f[along])), 1e-300))
         for (j, f), limit in zip(seem, used, strict=True)

@@ -12,7 +12,7 @@ points are fixed in the tip. Along the object's axes, with a_r the acceleration 
     du/dt = axes (a + alpha x l + w x (w x l) - 2 w x u - a_r)
 
 A ball has one point. So has a soft finger, with a fourth row e n . (w - w_tip). A hinge with friction has the ends of
-its edge, and a sole its corners.
+its edge. A sole is a patch whose corners would share its load in an arbitrary way, and does not slide.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import Inputs, State
 
-ENDS = (-1.0, 1.0)
+SLIDING_SIZES = (None, "torsion_radius", "half_length")  # of the kinds that can slide: points, patches and edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +58,9 @@ class Hand(Frozen):
     @property
     def points(self) -> Array:
         """The points of contact in tip axes, from the tip's origin, (points, 3) [m]."""
-        a, b = self.grasp.contact_size
-        size = self.grasp.of_kind.size
-        if size == "half_length":
-            return np.array([[end * a, 0.0, 0.0] for end in ENDS])
-        if size == "half_lengths":
-            return np.array([[x * a, y * b, 0.0] for x in ENDS for y in ENDS])
+        if self.grasp.of_kind.size == "half_length":
+            half, _ = self.grasp.contact_size
+            return np.array([[-half, 0.0, 0.0], [half, 0.0, 0.0]])
         return np.zeros((1, 3))
 
     @property
@@ -80,8 +77,8 @@ class Hand(Frozen):
 
 
 def may_slide(grasp: Grasp) -> bool:
-    """Return whether a grasp holds by friction, so that it can slide."""
-    return grasp.contact is not None
+    """Return whether a grasp holds by friction at a point, along an edge or in a small patch, so that it can slide."""
+    return grasp.contact is not None and grasp.of_kind.size in SLIDING_SIZES
 
 
 def point_owners(hands: Sequence[Hand]) -> list[int]:
