@@ -114,8 +114,8 @@ def hands_after(
 ) -> tuple[dict[str, Grasp], ContactModes, list[Occurrence]]:
     """Return the grasps and the modes from an instant on, and entries for the log.
 
-    A hand that sticks gets a grasp where its tip is. If forces are not unique, as with rigid arms that share the load
-    with a table, it stays a contact that sticks: a grasp would take the whole load.
+    A hand that sticks gets a grasp where its tip is. If it shares the load with the world, and forces are not unique,
+    as with rigid arms above a table, it stays a contact that sticks: a grasp would take the whole load.
 
     Args:
         chain: the chain without the hands that took part.
@@ -125,7 +125,8 @@ def hands_after(
     """
     modes, owners = found.modes, np.array(point_owners(taking.hands), int)
     of_world = len(modes.mode) - len(owners)
-    unique, holds, slides, news = found.status is ContactStatus.OK, [], [], []
+    alone = not (modes.mode[:of_world] != ContactMode.OPEN).any()
+    holds, slides, news = [], [], []
     for i, hand in enumerate(taking.hands):
         points = of_world + np.flatnonzero(owners == i)
         mode = modes.mode[points]
@@ -133,7 +134,11 @@ def hands_after(
         impulse = found.impulse[points].sum(axis=0)
         pushed: tuple[float, ...] = tuple(impulse.tolist()) if impulse.any() else ()
         if (mode == ContactMode.STICKS).all():
-            grips = unique or (hand.arm in taking.grasps and hand.arm not in taking.spent)
+            grips = (
+                alone
+                or found.status is ContactStatus.OK
+                or (hand.arm in taking.grasps and hand.arm not in taking.spent)
+            )
             (holds if grips else slides).append(hand)
             if not held:
                 news.append(Occurrence(t, "stick", hand.arm, f"'{hand.arm}' holds again where it is", impulse=pushed))

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import Arm, ClosedChain, Friction, Grasp, HeldObject, Joint, Link, Pose, State
+from holdfast import Arm, ClosedChain, Friction, Grasp, Joint, Link, Pose, State
 from holdfast.errors import MethodNotApplicable
 from holdfast.world import HalfSpace, Touching, corners
-from tests.longer import mostly_slow
 from tests.simulation.gantries import BLOCK, LINK, REACH, SMALL, block, contact_frame, squeezed
 
 G, MU = 9.81, 0.5
@@ -59,7 +58,8 @@ def require_laws(run):
     assert np.diff(run.impact).max() <= 1e-12
 
 
-@pytest.mark.parametrize("kind", mostly_slow(PADS, ["ball"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [*PADS])
 def test_slips_and_is_caught(kind):
     """A block slides down between two hands that yield, and is caught: every time and length is a polynomial."""
     chain, state = clamped(kind, PADS[kind])

@@ -209,7 +209,7 @@ def _accelerated(
     largest = float(np.abs(found.force).max(initial=0.0))
     of_world, owners = k - len(point_owners(hands)), point_owners(hands)
     spent = [of_world + i for i, one in enumerate(owners) if hands[one].arm in reached.spent]
-    slipping = {**reached.slipping, **_beginning(rows, stays, found, spent, largest)}
+    slipping = {**reached.slipping, **_beginning(rows, stays, of_world, found, spent, largest)}
     lifted = {*reached.lifted, *spent}
     for j, m, a, f in zip(stays.tolist(), found.mode, found.velocity, found.force, strict=True):
         mode[j] = ContactMode.OPEN if j in lifted and f[2] <= VANISHED * largest else m
@@ -229,12 +229,12 @@ def _accelerated(
 
 
 def _beginning(
-    rows: ContactRows, stays: Array, found: ContactSolution, spent: list[int], largest: float
+    rows: ContactRows, stays: Array, of_world: int, found: ContactSolution, spent: list[int], largest: float
 ) -> dict[int, Array]:
     """Return the directions in which points of hands begin to slip that can no longer hold, though they seem to.
 
-    These are the ones at their limits. If there is none, although forces are unique, it is all that press: the hand
-    then fails as a whole.
+    These are the ones at their limits. If there is none, although no other forces would hold it, it is all that
+    press: the hand then fails as a whole.
     """
     along = tangents(found.force)
     seem = [
@@ -244,7 +244,8 @@ def _beginning(
     ]
     used = [np.linalg.norm(f[along]) >= (1.0 - VANISHED) * rows.friction[j] * f[2] for j, f in seem]
     changed = any(m != ContactMode.STICKS for j, m in zip(stays.tolist(), found.mode, strict=True) if j in spent)
-    whole = found.status is ContactStatus.OK and not (changed or any(used))
+    alone = set(stays.tolist()) <= {*range(of_world, len(rows.gap))}
+    whole = (alone or found.status is ContactStatus.OK) and not (changed or any(used))
     used = [True] * len(seem) if whole else used
     return {
         j: slip_in_world(rows.axes[j], -f[along] / max(float(np.linalg.norm(f[along])), 1e-300))
