@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -82,6 +82,12 @@ class ImpulseStepper(ContactStepper):
             except (SingularChainError, ClosureError, StateError) as cause:
                 found.append(Advance(end, None, NO_GAPS, np.zeros(4), failure=cause))
         return found
+
+    def again(self, t: float, state: State, memory: Any) -> Instant:
+        """Return the chain at a step's end from which a run is resumed; its impulses are those of the step before."""
+        contacts = partial(_as_found, force=np.zeros((len(self.modes.mode), 3)), mode=self.modes.mode)
+        of = self.environment, self.controller, t, state, memory
+        return evaluate(*of, generic_rank=self.generic_rank, contacts=contacts)
 
     def _stepped(self, now: Instant, end: float) -> Advance:
         """Return the chain one step later."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.contact_events import reached, require_progress, with_modes
 from holdfast.simulation.events import Attach, Occurrence, happen
 from holdfast.simulation.hand_events import slidable
+from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER
@@ -68,9 +70,13 @@ def resumed_run(settings: RunSettings, at: Checkpoint) -> RunState:
         StateError: the sample time or the delay of the controller differs from that of the checkpoint.
     """
     require_same(settings.hold, at.held)
-    segment = resumed_segment(settings, at.grasps, at.generic_rank, at.implicit)
-    now = segment.at(at.now)
-    previous = None if at.previous is None else segment.at(at.previous)
+    hands = () if at.contacts is None else at.contacts.hands
+    segment = resumed_segment(settings, at.grasps, at.generic_rank, at.implicit, hands)
+    segment = replace(segment, contacts=at.contacts, least_gap=at.least_gap)
+    stepper: Any = segment.stepper
+    again = stepper.again if isinstance(stepper, ImpulseStepper) else stepper.evaluate
+    now = again(at.now.t, at.now.state, at.now.memory)
+    previous = at.previous if at.previous is None else again(at.previous.t, at.previous.state, at.previous.memory)
     return RunState(segment, at, now, previous, NO_GAPS, np.array([now.t]), segment.margins(now)[None])
 
 
@@ -199,6 +205,8 @@ def _stretch_begins(
         grasps=segment.environment.chain.grasps,
         generic_rank=segment.generic_rank,
         implicit=segment.implicit,
+        contacts=segment.contacts,
+        least_gap=segment.least_gap,
         proposal=first_proposal(now) if segment.settings.scheme.adaptive else None,
         tracker=tracker,
         occurrences=(*saved.occurrences, *news, *further),

@@ -187,8 +187,7 @@ def simulate(
     named = scheme_named(scheme)
     if on_slip == SLIDE:
         require_slidable(chain, bool(base_motion), contacts, named.adaptive)
-    unsupported = {"start": start, "on_checkpoint": on_checkpoint, "make_stepper": make_stepper}
-    unsupported |= {"largest_drift": largest_drift}
+    unsupported = {"make_stepper": make_stepper, "largest_drift": largest_drift}
     require_contacts(chain, contacts, named, on_singular, [what for what, x in unsupported.items() if x is not None])
     grid = step_times(duration, step)
     state.fits(chain)

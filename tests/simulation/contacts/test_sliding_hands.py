@@ -6,6 +6,7 @@ import pytest
 import holdfast as hf
 from holdfast import Arm, ClosedChain, Friction, Grasp, Joint, Link, Pose, State
 from holdfast.errors import MethodNotApplicable
+from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.world import HalfSpace, Touching, corners
 from tests.simulation.gantries import BLOCK, LINK, REACH, SMALL, block, contact_frame, squeezed
 
@@ -190,3 +191,18 @@ def test_what_is_refused(argument, value, words):
         value, words = {"left": lambda t: (jaw(-1.0).base, np.zeros(6), np.zeros(6))}, "bases that move"
     with pytest.raises(MethodNotApplicable, match=words):
         hf.simulate(chain, state, relaxed, 0.1, 0.02, on_slip="slide", **{argument: value})
+
+
+@pytest.mark.slow
+def test_resumes_to_the_bit():
+    """From a checkpoint while hands slide, and from any other, a run goes on with the same bits."""
+    chain, state = clamped("ball", PADS["ball"])
+    kept = []
+    given = (chain, state, relaxed, 0.6, 0.06)
+    whole = hf.simulate(*given, on_slip="slide", on_checkpoint=kept.append)
+    for saved in kept[6::6]:
+        start = Checkpoint.from_data(*saved.to_data())
+        rest = hf.simulate(*given, on_slip="slide", start=start)
+        first = len(whole) - len(rest)
+        for name in ("t", "q", "qd", "object_pose", "object_twist", "grasp_wrench", "work", "holding"):
+            np.testing.assert_array_equal(getattr(rest, name), getattr(whole, name)[first:], err_msg=name)
