@@ -23,7 +23,7 @@ from holdfast.spatial.vector import cross
 
 COUNTS = (1, 2, 3, 4, 6, 8, 10, 12)
 FRICTION = (0.5, 1.0)
-WAYS = ("fast", "careful", "soft", "facets", "sweeps")
+WAYS = ("fast", "careful", "soft", "facets", "sweeps", "longer")
 PLACES = ("table", "corner", "wedge", "random")
 
 
