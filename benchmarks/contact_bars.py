@@ -23,7 +23,7 @@ from holdfast.spatial.vector import cross
 
 COUNTS = (1, 2, 3, 4, 6, 8, 10, 12)
 FRICTION = (0.5, 1.0)
-WAYS = ("fast", "careful", "soft", "facets", "sweeps")
+WAYS = ("fast", "careful", "soft", "facets", "sweeps", "longer")
 PLACES = ("table", "corner", "wedge", "random")
 
 
@@ -81,6 +81,45 @@ def placed(rng: np.random.Generator, place: str, k: int) -> tuple[Array, Array]:
         return points, np.column_stack([np.cos(tilt) * side, np.zeros(k), np.full(k, np.sin(tilt))])
     normals = rng.standard_normal((k, 3))
     return points, normals / np.linalg.norm(normals, axis=1)[:, None]
+
+
+def with_hands(rng: np.random.Generator, one: Drawn, hands: int) -> Drawn:
+    """Return a problem with further contacts of sliding hands, whose tips give way by their arms' mobilities."""
+    m = 6 + 6 * hands
+    mobility = np.zeros((m, m))
+    mobility[:6, :6] = one.mobility
+    rows = [np.hstack([own, np.zeros((3, m - 6))]) for own in one.rows]
+    for i in range(hands):
+        J, root = rng.standard_normal((6, 7)), rng.standard_normal((7, 7))
+        J[3:] *= 0.5
+        part = slice(6 + 6 * i, 12 + 6 * i)
+        mobility[part, part] = J @ np.linalg.inv(root @ root.T * 0.2 + 0.05 * np.eye(7)) @ J.T
+        l, n = rng.uniform(-0.2, 0.2, 3), rng.standard_normal(3)
+        axes = contact_axes(n / np.linalg.norm(n))
+        own = np.zeros((3, m))
+        own[:, :6] = [concatenate([cross(l, t), t]) for t in axes]
+        own[:, part] = [concatenate([np.zeros(3), -t]) for t in axes]
+        rows.append(own)
+    twist = rng.standard_normal(m) * np.tile([2.0, 2.0, 2.0, 1.0, 1.0, 1.0], 1 + hands)
+    C = np.array(rows)
+    return Drawn(mobility, C, C @ twist, np.append(one.friction, rng.uniform(0.0, 1.0, hands)))
+
+
+@np.errstate(all="ignore")
+def sliding(problems: int, seed: int = 0) -> None:
+    """Print how many problems with two sliding hands and contacts of the world are left after each way."""
+    for k in (1, 2, 4):
+        rng, left = np.random.default_rng(7_000 * (seed + 1) + k), dict.fromkeys(WAYS, 0)
+        for _ in range(problems):
+            one = with_hands(rng, drawn(rng, k, 1.0), 2)
+            problem = contact_problem(*one, np.zeros(k + 2), np.zeros((k + 2, 2)), False)
+            best: dict[str, float] = {}
+            for way, _, off in ways(problem):
+                best[way] = off
+                if off <= RESOLVED:
+                    break
+            left = {way: left[way] + (way in best and not best[way] <= RESOLVED) for way in WAYS}
+        print(f"two sliding hands and {k} contacts, {problems} problems: left after {left}", flush=True)
 
 
 @np.errstate(all="ignore")
@@ -181,6 +220,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     impacts(given.impacts)
+    sliding(given.problems, given.seed)
     bars(given.problems, given.seed)
 
 

@@ -39,7 +39,7 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 def test_the_ladder():
     """None longer than a hundred lines, each in the table of the folder's README."""
-    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in (*range(1, 18), *range(19, 24))]
+    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in (*range(1, 18), *range(19, 24), 25)]
     table = (EXAMPLES / "README.md").read_text()
     for path in SCRIPTS:
         assert len(path.read_text().splitlines()) <= 100, path.name
@@ -304,3 +304,14 @@ def test_two_hands(run):
         assert one["moved"] < 1e-9
         assert one["pressing"][3:] == pytest.approx(found["points"]["pressing"][3:], rel=1e-9)
     assert "here and nearby: among grasp 'left/tip1', grasp 'left/tip2', grasp 'left/tip3'" in printed
+
+
+@pytest.mark.slow
+def test_a_grip_that_slips(run):
+    """Times and fall are those on paper; what gravity gives, friction takes; the hands hold again at the end."""
+    found, printed = run("25")
+    assert max(found["slip_error"], found["stick_error"]) < 1e-12
+    assert max(found["fall_error"], found["imbalance"]) < 1e-13
+    assert found["energy_error"] < 1e-12
+    assert found["holds"] == 1.0
+    assert printed.count("holds again") == 2

@@ -31,6 +31,8 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
+from holdfast.dynamics.contact.fixed_modes import ContactModes
+from holdfast.dynamics.contact.sliding_hands import Hand
 from holdfast.errors import ResultError
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.grasp_rows import row_name
@@ -84,6 +86,8 @@ class Checkpoint:
         proposal: state of the step-size control; None for steps of fixed length.
         held: state of the zero-order hold of a sampled controller; None if the controller is evaluated at every stage.
         resolution: whether steps of fixed length have followed the motion.
+        contacts: modes of the contacts from which `now` was evaluated, with hands that slide; None without contacts.
+        least_gap: (k,) as in `Segment`.
     """
 
     now: Origin
@@ -101,6 +105,8 @@ class Checkpoint:
     proposal: Proposal | None = None
     held: HeldTorques | None = None
     resolution: Resolution = NOTHING_NOTICED
+    contacts: ContactModes | None = None
+    least_gap: Array | None = None
 
     def to_data(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return arrays by name, and plain data that can be written as JSON.
@@ -127,6 +133,10 @@ class Checkpoint:
             "held": None if self.held is None else packed(vars(self.held), "held", arrays),
             "previous": None if self.previous is None else _origin_data("previous", self.previous, arrays),
         }
+        if self.contacts is not None:
+            arrays |= {"contacts.mode": self.contacts.mode, "contacts.slip": self.contacts.slip}
+            arrays |= {} if self.least_gap is None else {"contacts.least_gap": self.least_gap}
+            data["hands"] = [_grasp_data(hand.arm, hand.grasp, arrays) for hand in self.contacts.hands]
         return arrays, data
 
     @classmethod
@@ -137,7 +147,10 @@ class Checkpoint:
             ResultError: an entry is missing or malformed.
         """
         try:
-            previous = data["previous"]
+            previous, contacts = data["previous"], None
+            if "contacts.mode" in arrays:
+                hands = tuple(Hand(*_grasp(given, arrays)) for given in data["hands"])
+                contacts = ContactModes(np.array(arrays["contacts.mode"]), np.array(arrays["contacts.slip"]), hands)
             return cls(
                 now=_origin("now", data["now"], arrays),
                 previous=None if previous is None else _origin("previous", previous, arrays),
@@ -154,6 +167,8 @@ class Checkpoint:
                 resolution=msgspec.convert(data.get("resolution", []), Resolution),
                 held=None if data.get("held") is None else HeldTorques(**unpacked(data["held"], arrays)),
                 tracker=ViolationTracker(*(np.array(arrays[f"{TRACKER}.{f.name}"]) for f in fields(ViolationTracker))),
+                contacts=contacts,
+                least_gap=np.array(arrays["contacts.least_gap"]) if "contacts.least_gap" in arrays else None,
             )
         except (KeyError, TypeError, ValueError, AttributeError, msgspec.ValidationError) as cause:
             raise ResultError(f"checkpoint: cannot be read: {cause!r}; try starting the run anew") from cause

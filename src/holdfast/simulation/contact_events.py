@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from holdfast.dynamics.contact.decided_modes import Decision, Reached, decided
-from holdfast.dynamics.contact.fixed_modes import ContactModes, Touch
-from holdfast.dynamics.contact.rows import contact_rows
+from holdfast.dynamics.contact.fixed_modes import ContactModes, Touch, slip_in_world, tangents
+from holdfast.dynamics.contact.sliding_hands import touching_rows, without_hands
 from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactStatus
+from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -19,10 +20,18 @@ from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.contact_signals import CONE, FORCE, OPENING, QUANTITIES, ContactSignals
 from holdfast.simulation.events import Occurrence, OccurrenceKind
+from holdfast.simulation.hand_events import (
+    hands_after,
+    require_standing,
+    same_hands,
+    spent_grasps,
+    taking_part,
+)
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.segment import Segment
+from holdfast.simulation.segment import Segment, segment_with
 from holdfast.spatial.scalar import Array
+from holdfast.state import State
 
 EVENTS_WAY, IMPULSES_WAY = "events", "steps"
 WAYS = (EVENTS_WAY, IMPULSES_WAY)
@@ -69,17 +78,20 @@ def require_contacts(
         )
 
 
-def reached(at: Instant, signals: ContactSignals, margins: Array) -> Reached:
-    """Return which contacts an event concerns, from the signals (signals,) that are negative there."""
-    touch = at.touch
-    assert touch is not None
+def reached(segment: Segment, at: Instant, margins: Array) -> Reached:
+    """Return which contacts and hands an event concerns, from the signals (signals,) that are negative there."""
+    signals = segment.signals
+    touch, slipping = at.touch, {}
+    spent = spent_grasps(segment, at, margins)
+    if touch is None or not isinstance(signals, ContactSignals):
+        return Reached([], [], {}, spent)
     of_contacts = margins[signals.of_margins :].reshape(-1, len(QUANTITIES)) < 0.0
-    slipping = {}
+    along = tangents(touch.force)
     for j in np.flatnonzero(of_contacts[:, CONE]).tolist():
-        t = touch.force[j, :2] @ touch.rows.axes[j, :2]
-        slipping[j] = -t / np.linalg.norm(t)
+        t = touch.force[j, along]
+        slipping[j] = slip_in_world(touch.rows.axes[j], -t / np.linalg.norm(t))
     touched, lifted = (np.flatnonzero(of_contacts[:, i]).tolist() for i in (OPENING, FORCE))
-    return Reached(touched, lifted, slipping)
+    return Reached(touched, lifted, slipping, spent)
 
 
 def with_modes(
@@ -97,25 +109,38 @@ def with_modes(
     Raises:
         StateError: no impulses or forces satisfy the laws of contact.
     """
-    environment = segment.environment
-    touching = environment.chain.touching
-    if touching is None:
+    chain, taking = segment.environment.chain, taking_part(segment, by)
+    if chain.touching is None and not taking.hands:
         return segment, origin, sums, []
-    generic_rank, law = segment.generic_rank, segment.controller
+    deciding = segment
+    if taking.grasps:
+        others = without_hands(chain, taking.grasps).grasps
+        deciding = segment_with(segment, others, origin, taking.hands)
+    environment, generic_rank, law = deciding.environment, deciding.generic_rank, deciding.controller
     free = evaluate(environment, law, origin.t, origin.state, origin.memory, generic_rank=generic_rank)
     held = free.result.held
+    if taking.hands:
+        require_standing(free.inputs)
 
-    def accelerate(state):  # type: ignore[no-untyped-def]
+    def accelerate(state: State) -> ForwardResult:
         of = environment, law, origin.t, state, origin.memory
-        return evaluate(*of, generic_rank=generic_rank, held=held).result.object_acceleration
+        return evaluate(*of, generic_rank=generic_rank, held=held).result
 
-    found = decided(free.chain, origin.state, accelerate, held, by)
-    rows = contact_rows(touching, found.state.object_frame, found.state.object_twist)
-    news = _log(origin.t, touching.names, None if before is None else before.modes, found)
+    found = decided(free.chain, origin.state, accelerate, held, by, taking.hands)
+    names = () if chain.touching is None else chain.touching.names
+    news = _log(origin.t, names, None if before is None else before.modes, found)
     sums = sums._replace(impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + found.outer_impulse)
-    least_gap = None if segment.settings.by_impulses else np.minimum(rows.gap, 0.0)
-    segment = replace(segment, contacts=found.modes, least_gap=least_gap)
-    return segment, replace(origin, state=found.state), sums, news
+    origin, modes = replace(origin, state=found.state), found.modes
+    if taking.hands:
+        grasps, modes, of_hands = hands_after(environment.chain, found, taking, origin.t)
+        news = [*news, *of_hands]
+        if {**grasps} != {**chain.grasps} or not same_hands(modes.hands, segment.hands):
+            segment = segment_with(segment, grasps, origin, modes.hands)
+    if chain.touching is None and not modes.hands:
+        return replace(segment, contacts=None, least_gap=None), origin, sums, news
+    gap = touching_rows(segment.environment.chain, origin.state, modes.hands).gap
+    least_gap = None if segment.settings.by_impulses else np.minimum(gap, 0.0)
+    return replace(segment, contacts=modes, least_gap=least_gap), origin, sums, news
 
 
 def _log(t: float, names: Sequence[str], before: ContactModes | None, found: Decision) -> list[Occurrence]:

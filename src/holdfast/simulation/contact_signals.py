@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.dynamics.contact.fixed_modes import Touch
+from holdfast.dynamics.contact.fixed_modes import Touch, tangents
+from holdfast.dynamics.contact.sliding_hands import Hand, names_of
 from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import Quantity, Signals
@@ -25,6 +26,7 @@ from holdfast.spatial.scalar import Array
 OPENING, FORCE, CONE, SLIP = range(4)
 QUANTITIES: tuple[Quantity, ...] = ("gap", "normal force", "friction", "slip")
 GAP_ROUNDING = 1e-14  # m
+SLIP_ROUNDING = 1e-13  # m/s: slip that has just begun with next to no acceleration
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +35,11 @@ class ContactSignals(Signals):
 
     Attributes:
         least_gap: (k,) gap below which a contact touches, not above zero [m].
+        hands: hands that slide, whose points follow the contacts with the world.
     """
 
     least_gap: Array = REQUIRED
+    hands: tuple[Hand, ...] = ()
 
     def __len__(self) -> int:
         return self.of_margins + 4 * len(self.least_gap)
@@ -48,8 +52,7 @@ class ContactSignals(Signals):
     @cached_property
     def names(self) -> list[str]:
         """Name of each signal: those of the margins, then four times that of every contact."""
-        assert self.chain.touching is not None
-        return [*super().names, *(name for name in self.chain.touching.names for _ in QUANTITIES)]
+        return [*super().names, *(name for name in names_of(self.chain, self.hands) for _ in QUANTITIES)]
 
     @cached_property
     def quantities(self) -> list[Quantity]:
@@ -78,9 +81,9 @@ class ContactSignals(Signals):
         is_open, sticks = mode == ContactMode.OPEN, mode == ContactMode.STICKS
         found[is_open, OPENING] = (touch.rows.gap - self.least_gap + GAP_ROUNDING)[is_open]
         found[~is_open, FORCE] = force[~is_open, 2]
-        left = touch.rows.friction * force[:, 2] - np.hypot(force[:, 0], force[:, 1])
+        left = touch.rows.friction * force[:, 2] - np.linalg.norm(force[:, tangents(force)], axis=1)
         found[sticks, CONE] = left[sticks]
-        found[:, SLIP] = touch.slip_speed
+        found[:, SLIP] = touch.slip_speed + SLIP_ROUNDING
         return found.ravel()
 
     def description(self, at: Any, signal: int) -> str:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from holdfast.dynamics.contact.fixed_modes import ContactModes, on_contacts, touch_at
+from holdfast.dynamics.contact.sliding_hands import with_contact_wrench
 from holdfast.dynamics.projection import largest_gaps
 from holdfast.simulation.accounts import accounts_of
 from holdfast.simulation.environment import inputs_at
-from holdfast.simulation.instant import Instant, evaluate, with_wrench
+from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.step import EvaluationRequest, Gaps, ProjectionRequest, StageRequest, back_on_constraint
 from holdfast.simulation.stepper import NO_GAPS, ReferenceStepper
@@ -47,7 +48,8 @@ class ContactStepper(ReferenceStepper):
 
             def inputs(at: float, state: State, k: int = k) -> Inputs:
                 own = inputs_at(self.environment.inputs, self.environment.of_state, at, state)
-                return with_wrench(own, arrays[TOUCH_WRENCH][k])
+                wrench = arrays[TOUCH_WRENCH][k]
+                return with_contact_wrench(self.environment.chain, state, own, self.modes.hands, wrench)
 
             found.append(accounts_of(replace(self.environment, inputs=inputs), t[k : k + 1], _row(arrays, k)))
         return {name: np.concatenate([one[name] for one in found]) for name in found[0]}

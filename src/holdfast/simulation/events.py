@@ -33,7 +33,8 @@ class Occurrence:
             positive again; "singular", when the grasp constraint loses rank; "stiff", when steps become linearly
             implicit because explicit steps could not follow the damping or springs; "unresolved", at the run's end,
             when a step of fixed length was too long for some part of the motion. Of contacts with the world: "touch",
-            "lift", "slip" and "stick"; "jam", an impulse without a collision; "rest", when rebounds end.
+            "lift", "slip" and "stick", the last two also of hands; "jam", an impulse without a collision; "rest", when
+            rebounds end.
         name: the arm, 'arm/joint', or 'point/shape' of a contact with the world; "grasps" for a singular configuration,
             "joints" for stiff ones and for steps that were too long.
         text: description of the occurrence.

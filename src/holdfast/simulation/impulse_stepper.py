@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.dynamics.contact.touch import impulse_response
 from holdfast.dynamics.contact.touching_chain import CLOSED
 from holdfast.dynamics.projection import Change, displaced_by, largest_gaps, quickened
+from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.contact_stepper import ContactStepper
@@ -81,6 +82,12 @@ class ImpulseStepper(ContactStepper):
             except (SingularChainError, ClosureError, StateError) as cause:
                 found.append(Advance(end, None, NO_GAPS, np.zeros(4), failure=cause))
         return found
+
+    def again(self, t: float, state: State, memory: Any) -> Instant:
+        """Return the chain at a step's end from which a run is resumed; its impulses are those of the step before."""
+        contacts = partial(_as_found, force=np.zeros((len(self.modes.mode), 3)), mode=self.modes.mode)
+        of = self.environment, self.controller, t, state, memory
+        return evaluate(*of, generic_rank=self.generic_rank, contacts=contacts)
 
     def _stepped(self, now: Instant, end: float) -> Advance:
         """Return the chain one step later."""
@@ -193,11 +200,9 @@ def pushed_out(chain: ClosedChain, state: State, held: Array | None) -> State:
     return state
 
 
-def _as_found(
-    chain: ClosedChain, state: State, acceleration: Array, held: Array | None, force: Array, mode: Array
-) -> Touch:
+def _as_found(chain: ClosedChain, state: State, free: ForwardResult, force: Array, mode: Array) -> Touch:
     """Return the contacts with known forces."""
-    del acceleration, held
+    del free
     assert chain.touching is not None
     rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
     u, k = rows.velocity(state.object_twist), len(mode)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from holdfast.control.controller import Controller, torques_and_memory
 from holdfast.dynamics.contact.fixed_modes import Touch
+from holdfast.dynamics.contact.sliding_hands import with_contact_wrench
 from holdfast.dynamics.energy import power
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.result import ForwardResult
@@ -26,7 +27,7 @@ from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-ContactsAt = Callable[[ClosedChain, State, Array, Array | None], Touch]  # of chain, state, acceleration, held rows
+ContactsAt = Callable[[ClosedChain, State, ForwardResult], Touch]  # of chain, state, motion without contact forces
 WORST_CONDITION = 1e12  # beyond it the grasp forces have no significant digit
 
 
@@ -166,8 +167,8 @@ def evaluate(
     solved = changed(solved, touching=None)  # contacts act by their modes
     found, touch = forward_dynamics(solved, state, net, inputs=inputs, **how), None
     if contacts is not None:
-        touch = contacts(chain, state, found.object_acceleration, found.held)
-        inputs = with_wrench(inputs, touch.rows.wrench(touch.force))
+        touch = contacts(chain, state, found)
+        inputs = with_contact_wrench(chain, state, inputs, touch.modes.hands, touch.rows.wrench(touch.force))
         if touch.force.any():
             found = forward_dynamics(solved, state, net, inputs=inputs, **how)
     if not found.condition <= WORST_CONDITION:
@@ -177,9 +178,3 @@ def evaluate(
         )
     powers = work_rates(power(chain, state, tau, found, inputs), friction, state.qd)
     return Instant(t, state, chain, inputs, tau, memory, found, powers, touch)
-
-
-def with_wrench(inputs: Inputs, wrench: Array) -> Inputs:
-    """Return inputs with a further wrench (6,) on the object, about C."""
-    given = inputs.object_wrench
-    return replace(inputs, object_wrench=wrench if given is None else given + wrench)

@@ -145,7 +145,7 @@ def giving_way(grasp: Grasp, wrench: Array) -> str:
     return must[margins.index(least)].broken
 
 
-OnSlip = Literal["stop", "record", "release"]
+OnSlip = Literal["stop", "record", "release", "slide"]
 OnLimit = Literal["record", "stop", "clip"]
 OnSingular = Literal["stop", "continue"]
 
@@ -156,7 +156,8 @@ class Policy:
 
     Attributes:
         on_slip: what to do when a grasp cannot hold: "stop" ends the run there; "record" logs it and continues as if
-            the grasp held; "release" opens the grasp, and the arm continues without it.
+            the grasp held; "release" opens the grasp, and the arm continues without it; "slide" lets a hand that holds
+            by friction slide on the object until it holds again or lifts off.
         on_limit: what to do when a joint exceeds a limit: "record" logs it; "stop" ends the run; "clip" clips torques
             to the effort limits (the margin is then 0) and records the other limits.
         on_singular: what to do at a configuration where the constraint loses rank: "stop" ends the run before it;
@@ -240,6 +241,12 @@ class ViolationTracker:
         for array in kept.values():
             array[signal] = np.inf
         return replace(self, **kept)
+
+    def sized(self, signals: int) -> Self:
+        """Return the tracker for another number of signals, the first of which are the same."""
+        if signals == len(self.lowest):
+            return self
+        return type(self)(*(np.append(x, np.full(signals, np.inf))[:signals] for x in vars(self).values()))
 
     def _with_zeros(self, i: int, found: StepMargins, curves: MarginCurves) -> tuple[Array, Array]:
         """Return the times and margins of a signal during a step, with its changes of sign refined."""

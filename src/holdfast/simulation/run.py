@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,9 @@ from holdfast.simulation.adaptive import first_proposal
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.contact_events import reached, require_progress, with_modes
-from holdfast.simulation.contact_signals import ContactSignals
 from holdfast.simulation.events import Attach, Occurrence
+from holdfast.simulation.hand_events import slidable
+from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER
@@ -68,9 +70,13 @@ def resumed_run(settings: RunSettings, at: Checkpoint) -> RunState:
         StateError: the sample time or the delay of the controller differs from that of the checkpoint.
     """
     require_same(settings.hold, at.held)
-    segment = resumed_segment(settings, at.grasps, at.generic_rank, at.implicit)
-    now = segment.at(at.now)
-    previous = None if at.previous is None else segment.at(at.previous)
+    hands = () if at.contacts is None else at.contacts.hands
+    segment = resumed_segment(settings, at.grasps, at.generic_rank, at.implicit, hands)
+    segment = replace(segment, contacts=at.contacts, least_gap=at.least_gap)
+    stepper: Any = segment.stepper
+    again = stepper.again if isinstance(stepper, ImpulseStepper) else stepper.evaluate
+    now = again(at.now.t, at.now.state, at.now.memory)
+    previous = at.previous if at.previous is None else again(at.previous.t, at.previous.state, at.previous.memory)
     return RunState(segment, at, now, previous, NO_GAPS, np.array([now.t]), segment.margins(now)[None])
 
 
@@ -87,6 +93,9 @@ def next_state(at: RunState) -> RunState | str | None:
     if signal is not None:
         if signals.quantities[signal] == "grasp" and settings.policy.on_slip == "release":
             return _opened(at, signal)
+        slides = signals.quantities[signal] == "grasp" and settings.policy.on_slip == "slide"
+        if slides and signals.names[signal] in slidable(at.segment):
+            return _touched(at)
         if signal not in signals.logged:
             return _touched(at)
         reached = [one for one in saved.occurrences if one.name == signals.names[signal] and one.kind == "violation"]
@@ -131,7 +140,8 @@ def _jumped(at: RunState) -> RunState:
         news.append(one)
     origin, gaps = Origin(t, state, at.now.memory), NO_GAPS
     if happening:
-        segment, stiff = suited(segment_with(segment, chain.grasps, origin), t, state)
+        sliding = tuple(hand for hand in segment.hands if hand.arm not in {event.arm for event in happening})
+        segment, stiff = suited(segment_with(segment, chain.grasps, origin, sliding), t, state)
         news += stiff
     if any(isinstance(event, Attach) for event in happening):
         started, gaps = segment.stepper.start(t, state, origin.memory)
@@ -160,14 +170,16 @@ def _opened(at: RunState, signal: int) -> RunState:
 
 
 def _touched(at: RunState) -> RunState:
-    """Return the run after an instant at which contacts with the world change their modes."""
-    signals, now = at.segment.signals, at.now
+    """Return the run after an instant at which contacts with the world or hands change their modes."""
+    now = at.now
     require_progress(at.checkpoint.occurrences)
-    assert isinstance(signals, ContactSignals)
-    by = reached(now, signals, at.margins[-1])
+    by = reached(at.segment, now, at.margins[-1])
     origin = Origin(just_after(now.t), now.state, now.memory)
     segment, origin, sums, news = with_modes(at.segment, origin, at.checkpoint.sums, now.touch, by)
-    saved = replace(at.checkpoint, now=origin, sums=sums)
+    tracker = at.checkpoint.tracker
+    for name in by.spent:
+        tracker = tracker.without(segment.environment.chain.names.index(name))
+    saved = replace(at.checkpoint, now=origin, sums=sums, tracker=tracker)
     return _stretch_begins(segment, saved, segment.at(origin), NO_GAPS, news)
 
 
@@ -184,7 +196,7 @@ def _stretch_begins(
         news: occurrences to add.
     """
     margins = segment.margins(now)
-    tracker, further = saved.tracker.at(now.t, margins, segment.signals, now)
+    tracker, further = saved.tracker.sized(len(segment.signals)).at(now.t, margins, segment.signals, now)
     saved = replace(
         saved,
         previous=None,
@@ -193,6 +205,8 @@ def _stretch_begins(
         grasps=segment.environment.chain.grasps,
         generic_rank=segment.generic_rank,
         implicit=segment.implicit,
+        contacts=segment.contacts,
+        least_gap=segment.least_gap,
         proposal=first_proposal(now) if segment.settings.scheme.adaptive else None,
         tracker=tracker,
         occurrences=(*saved.occurrences, *news, *further),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from holdfast.dynamics.contact.fixed_modes import ContactModes
 from holdfast.errors import HoldfastError, StateError
 from holdfast.simulation.adaptive import next_step
 from holdfast.simulation.adaptive_parts import EqualPartsStepper, agreeing_parts
@@ -258,8 +259,15 @@ def _step_to(
         tracker=tracker,
         occurrences=(*saved.occurrences, *news),
         resolution=resolution,
+        contacts=_modes_before(segment, now, end.instant),
     )
     return RunState(segment, checkpoint, end.instant, now, end.gaps, found.times[-len(margins) :], margins)
+
+
+def _modes_before(segment: Segment, now: Instant, end: Instant) -> ContactModes | None:
+    """Return the modes from which a step's end is evaluated: those at its start, or those of its own impulses."""
+    touch = end.touch if segment.settings.by_impulses else now.touch
+    return None if touch is None else touch.modes
 
 
 def _require_step(window: Window, found: StepMargins, until: float, tracker: ViolationTracker) -> None:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.contact.sliding_hands import wrenches_of_hands
 from holdfast.dynamics.result import Status
 from holdfast.forces.force_split import split
 from holdfast.forces.margin_interval import margin_range
@@ -27,6 +28,7 @@ from holdfast.spatial.scalar import Array
 # Arrays of an instant, which have the same names in a result of forward dynamics and in machine code, and those of a
 # trunk or a floating base.
 OF_RESULT = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench")
+HAND_WRENCH = "hand_wrench"  # of hands that slide, which have no grasps, among the arrays of an instant
 SPLIT_NAMES = {"internal_wrench", "load_share"}
 OF_TRUNK = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}
 
@@ -62,8 +64,11 @@ def arrays_of(at: Instant) -> dict[str, Array]:
     arrays |= {"drive": at.tau, "condition": np.array(found.condition)}
     if at.touch is not None:
         rows, force = at.touch.rows, at.touch.force
-        arrays |= {"touch_force": rows.in_world(force), "touch_gap": rows.gap, "touch_mode": at.touch.modes.mode}
-        arrays |= {TOUCH_WRENCH: rows.wrench(force)}
+        modes, wrench = at.touch.modes, rows.wrench(force)
+        if at.chain.touching is not None:
+            found_there = {"touch_force": rows.in_world(force), "touch_gap": rows.gap, "touch_mode": modes.mode}
+            arrays |= {name: x[: len(at.chain.touching.names)] for name, x in found_there.items()}
+        arrays |= {TOUCH_WRENCH: wrench, HAND_WRENCH: wrenches_of_hands(at.chain, modes.hands, wrench)}
     return {name: x[None] for name, x in arrays.items() if x is not None}
 
 
@@ -131,6 +136,8 @@ def recorded(
     now, best, worst = samples.margins
     none = np.zeros((k, 0))
     arrays: dict[str, Any] = {name: x[name] for name in OF_RESULT} | found
+    if HAND_WRENCH in x:
+        arrays["grasp_wrench"] = x["grasp_wrench"] + x[HAND_WRENCH]
     arrays |= {field: x.get(name, none) for name, field in OF_TRUNK.items()}
     arrays |= {
         "t": samples.t,

@@ -13,6 +13,7 @@ from holdfast.control.controller import Controller
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.contact.fixed_modes import ContactModes
+from holdfast.dynamics.contact.sliding_hands import Hand
 from holdfast.dynamics.rank import closed_near
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -103,6 +104,7 @@ class Segment:
         implicit: whether steps are linearly implicit, because explicit ones could not follow the damping and springs.
         contacts: what the contacts with the world do; None without any.
         least_gap: (k,) gaps below which open contacts touch, see `ContactSignals`; None without contacts.
+        hands: hands that slide, which have no grasps.
     """
 
     finds_singular: ClassVar[bool] = True  # whether singular configurations within steps are looked for
@@ -114,6 +116,7 @@ class Segment:
     implicit: bool = False
     contacts: ContactModes | None = None
     least_gap: Array | None = None
+    hands: tuple[Hand, ...] = ()
 
     @cached_property
     def controller(self) -> Controller:
@@ -157,7 +160,7 @@ class Segment:
     def signals(self) -> Signals:
         """The margins of the chain, and the signals of its contacts."""
         if self.least_gap is not None:
-            return ContactSignals(self.environment.chain, self.least_gap)
+            return ContactSignals(self.environment.chain, self.least_gap, self.hands)
         return Signals(self.environment.chain)
 
     @cached_property
@@ -256,13 +259,13 @@ def first_segment(settings: RunSettings, start: Origin) -> Segment:
     return replace(segment, generic_rank=segment.rank_near(start))
 
 
-def segment_with(before: Segment, grasps: Mapping[Any, Grasp], start: Origin) -> Segment:
-    """Return the segment that begins when grasps close or open.
+def segment_with(before: Segment, grasps: Mapping[Any, Grasp], start: Origin, hands: tuple[Hand, ...] = ()) -> Segment:
+    """Return the segment that begins when grasps close or open, or hands slide.
 
     Raises:
         SingularChainError: the configuration is singular with these grasps.
     """
-    segment = resumed_segment(before.settings, grasps, -1, before.implicit)
+    segment = resumed_segment(before.settings, grasps, -1, before.implicit, hands)
     return replace(segment, generic_rank=segment.rank_near(start))
 
 
@@ -281,13 +284,25 @@ def suited(segment: Segment, t: float, state: State) -> tuple[Segment, tuple[Occ
     return replace(segment, implicit=True), (Occurrence(t, "stiff", "joints", text),)
 
 
-def resumed_segment(settings: RunSettings, grasps: Mapping[Any, Grasp], generic_rank: int, implicit: bool) -> Segment:
-    """Return the segment with the given grasps, generic rank and kind of steps.
+def resumed_segment(
+    settings: RunSettings,
+    grasps: Mapping[Any, Grasp],
+    generic_rank: int,
+    implicit: bool,
+    hands: tuple[Hand, ...] = (),
+) -> Segment:
+    """Return the segment with the given grasps, generic rank, kind of steps, and hands that slide.
 
-    If the controller has a method `for_chain(chain)`, the segment uses the controller that this method returns.
+    If the controller has a method `for_chain(chain)`, the segment uses the controller that this method returns; a law
+    does not notice that a hand slides.
     """
     chain = replace(settings.environment.chain, grasps=grasps)
-    for_chain = getattr(settings.controller, "for_chain", None)
-    law = settings.controller if for_chain is None else for_chain(chain)
+    law, believed = settings.controller, chain
+    if hands:
+        held = {**grasps, **{hand.arm: hand.grasp for hand in hands}}
+        believed = replace(chain, grasps={name: held[name] for name in chain.names if name in held})
+    for_chain = getattr(law, "for_chain", None)
+    if for_chain is not None:
+        law = for_chain(believed)
     environment = replace(settings.environment, chain=chain)
-    return settings.make_segment(settings, environment, law, generic_rank, implicit)
+    return settings.make_segment(settings, environment, law, generic_rank, implicit, hands=hands)

@@ -37,6 +37,7 @@ from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.contact_events import EVENTS_WAY, IMPULSES_WAY, require_contacts
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs
 from holdfast.simulation.events import Event, in_order
+from holdfast.simulation.hand_events import SLIDE, require_slidable
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.mechanism_segment import MechanismSegment, attached_later, require_openable
 from holdfast.simulation.mechanism_stepper import MechanismSteppers
@@ -125,8 +126,10 @@ def simulate(
             None: the controller is evaluated at every stage, unless it is a law that `control.sampled` returned.
         delay: time from a sample until its torques act [s]. Until then the previous torques act, and at the start
             those of the first sample.
-        on_slip: what to do when a grasp cannot hold: "stop"; "record" and continue as if the grasp held; or
-            "release", which opens the grasp and keeps the velocities.
+        on_slip: what to do when a grasp cannot hold: "stop"; "record" and continue as if the grasp held;
+            "release", which opens the grasp and keeps the velocities; or "slide": a hand that holds by friction slides
+            on the plane of its grasp with Coulomb's friction, holds again where it stops, and is released where it
+            lifts. Its row of `grasp_wrench` is then the wrench about the tip's origin, and `holding` is false.
         on_limit: what to do when a joint exceeds a limit: "record"; "stop"; or "clip", which clips torques to the
             effort limits (the margin is then 0) and records the other limits.
         on_singular: what to do at a singular configuration: "stop" before it, or "continue" through it if exactly one
@@ -182,8 +185,9 @@ def simulate(
     require_controller(controller)
     checks.name(name, "simulation: name")
     named = scheme_named(scheme)
-    unsupported = {"start": start, "on_checkpoint": on_checkpoint, "make_stepper": make_stepper}
-    unsupported |= {"largest_drift": largest_drift}
+    if on_slip == SLIDE:
+        require_slidable(chain, bool(base_motion), contacts, named.adaptive)
+    unsupported = {"make_stepper": make_stepper, "largest_drift": largest_drift}
     require_contacts(chain, contacts, named, on_singular, [what for what, x in unsupported.items() if x is not None])
     grid = step_times(duration, step)
     state.fits(chain)

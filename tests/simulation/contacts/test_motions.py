@@ -7,6 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.io.contact_motion import ContactMotion, error_of
+from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.world import HalfSpace, Touching, corners
 
 CASES = {
@@ -150,3 +151,34 @@ def test_folder_keeps_contacts(tmp_path):
     assert read.occurrences == run.occurrences
     head = run.to_csv(tmp_path / "run.csv")[0].read_text().splitlines()[0]
     assert "touch_force sphere/floor z [N]" in head
+
+
+def require_resumed(chain, state, duration, step, contacts):
+    """Check that from checkpoints, written and read, a run goes on with the same bits."""
+    law, kept = (lambda t, state, memory: (np.zeros(0), memory)), []
+    given = (chain, state, law, duration, step)
+    whole = hf.simulate(*given, contacts=contacts, on_checkpoint=kept.append)
+    assert whole.stopped is None and (whole.touch_mode != 0).any()
+    for saved in kept[2::12]:
+        again = Checkpoint.from_data(*saved.to_data())
+        rest = hf.simulate(*given, contacts=contacts, start=again)
+        first = len(whole) - len(rest)
+        for name in ("t", "object_pose", "object_twist", "touch_force", "touch_mode", "work", "impact"):
+            np.testing.assert_array_equal(getattr(rest, name), getattr(whole, name)[first:], err_msg=name)
+
+
+@pytest.mark.slow
+def test_resumes_steps_to_the_bit():
+    """A tilted box lands on one corner and slides, by steps."""
+    edges, turn = (0.2, 0.2, 0.1), np.array([0.98, 0.1, 0.15, 0.02])
+    touching = Touching(points=corners(*edges), world={"table": HalfSpace(normal=[0, 0, 1], friction=0.3)})
+    chain = hf.ClosedChain({}, hf.HeldObject.box(2.0, *edges), {}, touching=touching)
+    state = hf.State([], [], [*(turn / np.linalg.norm(turn)), 0, 0, 0.1], [0, 0, 0.5, 0.6, 0.2, -0.3])
+    require_resumed(chain, state, 0.1, 0.01, "steps")
+
+
+@pytest.mark.long
+def test_resumes_events_to_the_bit():
+    """A ball slides, then rolls, by events."""
+    case = CASES["ball_slides_then_rolls"]
+    require_resumed(case.chain(), case.state(), case.duration, case.step, "events")

@@ -82,14 +82,16 @@ def impact(
     """
     e = np.asarray(restitution, dtype=float)
     k = len(e) if e.ndim == 1 else 1
-    e, P = checks.numbers(e, (k,), "restitution", StateError), checks.numbers(mobility, (6, 6), "mobility", StateError)
+    C = np.asarray(rows, dtype=float)
+    d, r = C.shape[1:] if C.ndim == 3 else (3, 6)
+    e, P = checks.numbers(e, (k,), "restitution", StateError), checks.numbers(mobility, (r, r), "mobility", StateError)
     C, before = (
-        checks.numbers(rows, (k, 3, 6), "rows", StateError),
-        checks.numbers(velocity, (k, 3), "velocity", StateError),
+        checks.numbers(rows, (k, d, r), "rows", StateError),
+        checks.numbers(velocity, (k, d), "velocity", StateError),
     )
     if k and not (e.min() >= 0.0 and e.max() <= 1.0):
         raise StateError(f"restitution: expected numbers from 0 to 1, got {e[np.argmax(np.abs(e - 0.5))]:g}")
-    now, total, mode, gained = before, np.zeros((k, 3)), np.zeros(k, int), 0.0
+    now, total, mode, gained = before, np.zeros((k, d)), np.zeros(k, int), 0.0
     status, residual, rounds = ContactStatus.OK, 0.0, 0
     limit = APPROACH * np.abs(before).max(initial=size)
     while rounds < MOST_COLLISIONS and now[:, 2].min(initial=0.0) < -limit:

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.contact.contact_law import (
-    TANGENTS_FIRST,
     ReducedContact,
     reduced_contacts,
     size_of,
+    tangents_first,
     unknown,
     violation,
 )
@@ -85,10 +85,11 @@ def found_forces(problem: ContactProblem, forces: list[Array]) -> FoundForces:
         moves = sqrt(u[1:] @ u[1:]) > STILL * size
         held = where(full, where(moves, int(ContactMode.SLIPS), int(ContactMode.STICKS)), int(ContactMode.STICKS))
         closed = where(c.friction > 0.0, held, where(slides_already, int(ContactMode.SLIPS), int(ContactMode.CLOSED)))
-        return whole[TANGENTS_FIRST], u[TANGENTS_FIRST], where(x[0] > 0.0, closed, int(ContactMode.OPEN))
+        return tangents_first(whole), tangents_first(u), where(x[0] > 0.0, closed, int(ContactMode.OPEN))
 
     parts = each(of_contact, contacts, forces)
-    wrench = sum((force @ C for (force, *_), C in zip(parts, problem.rows, strict=True)), np.zeros(6))
+    none = np.zeros(problem.rows[0].shape[1])
+    wrench = sum((force @ C for (force, *_), C in zip(parts, problem.rows, strict=True)), none)
     return FoundForces(
         array([force for force, *_ in parts]),
         wrench,

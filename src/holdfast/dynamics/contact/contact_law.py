@@ -11,7 +11,9 @@ With P = L L^T the unknown is z = L^T sum C_j^T lambda_j, which has at most six 
 without friction whose force acts along other rows than those of its velocity. A compliant contact obeys the laws in
 u + compliance lambda instead of u.
 
-All components here are in the order [n, t1, t2], so that a force is a point of the second-order cone.
+All components here are in the order [n, t1, t2], so that a force is a point of the second-order cone. A patch that may
+spin about its normal has a fourth: its moment divided by, and its rate of turn times, its torsion radius e. With these,
+the limit surface |(lambda_t, m_n / e)| <= mu lambda_n is a cone of the same law.
 
 References: De Saxce and Feng, "The bipotential method", 1998; Acary and Brogliato, "Numerical Methods for Nonsmooth
 Dynamical Systems", 2008; docs/theory/contact_with_the_world.md.
@@ -32,6 +34,16 @@ LEAST_MOBILITY = 1e-9  # of a contact's point, relative to the largest of all co
 UNIT_ROUNDING = 2.0**-52
 NORMAL_FIRST = [2, 0, 1]
 TANGENTS_FIRST = [1, 2, 0]
+
+
+def normal_first(x: Array) -> Array:
+    """Return what has components [t1, t2, n] or [t1, t2, n, spin] along its first axis with the normal one first."""
+    return x[[*NORMAL_FIRST, *range(3, len(x))]]
+
+
+def tangents_first(x: Array) -> Array:
+    """Return the inverse of `normal_first`."""
+    return x[[*TANGENTS_FIRST, *range(3, len(x))]]
 
 
 class ReducedContact(NamedTuple):
@@ -81,7 +93,7 @@ def reduced_contacts(
     L = array([sqrt(pivot) * column for pivot, column in zip(d, w, strict=True)]).T
 
     def reduced(C: Array) -> tuple[Array, Scalar]:
-        B = C[NORMAL_FIRST] @ L
+        B = normal_first(C) @ L
         return B, ((B * B).sum()) * (1.0 / 3.0)
 
     parts = each(reduced, rows)
@@ -93,8 +105,8 @@ def reduced_contacts(
         along = concatenate([B[0] - mu * (t @ B[1:])])
         return ReducedContact(
             B,
-            array([along, B[1], B[2]]),
-            b[NORMAL_FIRST],
+            array([along, *B[1:]]),
+            normal_first(b),
             where(slides, 0.0, mu),
             maximum(own, LEAST_MOBILITY * most) + TINY,
             give,
@@ -123,7 +135,7 @@ def violation(contacts: list[ReducedContact], forces: list[Array]) -> Scalar:
         u = c.velocity(z) + c.compliance * x
         slip = c.friction * sqrt(u[1:] @ u[1:])
         pressed = c.gauge * x
-        y = pressed - u - concatenate([[slip], np.zeros(2)])
+        y = pressed - u - concatenate([[slip], np.zeros(len(x) - 1)])
         return largest(pressed - in_friction_cone(y, c.friction)) + UNIT_ROUNDING * largest(pressed), size_of(c)
 
     found = each(of_contact, contacts, forces)

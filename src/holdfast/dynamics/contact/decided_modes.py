@@ -9,24 +9,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_at_rest
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.held_rows import holding
-from holdfast.dynamics.closed.sequential import rest_response
 from holdfast.dynamics.contact.collision import Collision, impact
-from holdfast.dynamics.contact.fixed_modes import ContactModes, on_contacts
-from holdfast.dynamics.contact.rows import contact_rows
+from holdfast.dynamics.contact.fixed_modes import ContactModes, on_contacts, slip_in_world, tangents
+from holdfast.dynamics.contact.rows import ContactRows, rows_in_world
+from holdfast.dynamics.contact.sliding_hands import (
+    Hand,
+    point_owners,
+    stacked_acceleration,
+    stacked_mobility,
+    stacked_response,
+    stacked_twist,
+    touching_rows,
+)
 from holdfast.dynamics.contact.solve_contacts import solve_contacts
 from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactSolution, ContactStatus
-from holdfast.dynamics.contact.touch import impulse_response
 from holdfast.dynamics.contact.touching_chain import CLOSED
 from holdfast.dynamics.projection import quickened
+from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
@@ -49,12 +57,14 @@ class Reached(NamedTuple):
     Attributes:
         touched: contacts that close.
         lifted: contacts whose normal force vanishes.
-        slipping: by contact, the direction (3,) in world axes in which it begins to slip.
+        slipping: by contact, the direction (3,) in world axes in which it begins to slip; (4,) as in `ContactModes`.
+        spent: arms whose grasps have no margin left; some of their points lift or slip.
     """
 
     touched: list[int]
     lifted: list[int]
     slipping: Mapping[int, Array]
+    spent: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,66 +94,76 @@ class Decision(Frozen):
 
 
 def decided(
-    chain: ClosedChain, state: State, accelerate: Any, held: Array | None = None, reached: Reached | None = None
+    chain: ClosedChain,
+    state: State,
+    accelerate: Callable[[State], ForwardResult],
+    held: Array | None = None,
+    reached: Reached | None = None,
+    hands: tuple[Hand, ...] = (),
 ) -> Decision:
     """Return velocities and modes just after an instant. O(n) + O(l) + O(k) but for the solver's rounds.
 
     Args:
-        chain: the chain, with `touching`.
+        chain: the chain, without the grasps of `hands`.
         state: the state just before; it satisfies the grasps.
-        accelerate: returns the object's acceleration (6,) without contact forces at a state.
+        accelerate: returns forward dynamics without contact forces at a state.
         held: rows of the grasps to impose, see `held_rows`.
         reached: what has just been located: contacts that are closed whatever their gap, whose normal force is zero,
             or which begin to slip.
+        hands: hands that slide or may begin to; their points follow the contacts with the world.
 
     Raises:
         StateError: no impulses or forces satisfy the laws of contact.
     """
-    assert chain.touching is not None
-    rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
-    k = len(rows.gap)
+    rows = touching_rows(chain, state, hands)
+    k, d = rows.C.shape[:2]
     near = rows.gap <= CLOSED
     reached = Reached([], [], {}) if reached is None else reached
     near[reached.touched] = True
     closed = np.flatnonzero(near)
     base = np.zeros(6)
     total, slow, change, jammed, jams = np.zeros((k, 3)), np.zeros(k), 0.0, False, False
-    mode, slip, solution = np.zeros(k, int), np.zeros((k, 3)), None
+    mode, slip, solution = np.zeros(k, int), np.zeros((k, d)), None
     for _ in range(1 + JAMS):
-        rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
+        rows = touching_rows(chain, state, hands)
         motion = holding(chain_at_rest(chain, state), held)
-        P, u = rest_response(motion).mobility, rows.velocity(state.object_twist)
+        P, u = stacked_mobility(motion, hands), rows.velocity(stacked_twist(chain, state, hands))
         if len(closed) and (u[closed, 2].min() < -APPROACH_SPEED or jammed):
             rebounds = u[:, 2] < -REST_SPEED
             e = np.where(rebounds[closed], rows.restitution[closed], 0.0)
             before = u[closed]
             if jammed:  # the least approach: it is answered by an impulse that does not vanish with it
                 jams = True
-                before = before - [0.0, 0.0, APPROACH_SPEED * max(1.0, float(np.abs(u).max()))]
+                before = before - np.eye(d)[2] * (APPROACH_SPEED * max(1.0, float(np.abs(u).max())))
             found = impact(P, rows.C[closed], before, rows.friction[closed], e)
             require_resolved(found, "impulses")
             left_out = (found.impulse[:, 2] > 0.0) & ~rebounds[closed] & (rows.restitution[closed] > 0.0)
             slow[closed] = np.where(left_out, -before[:, 2], slow[closed])
-            total[closed] += np.einsum("kia,ki->ka", rows.axes[closed], found.impulse)
+            total[closed] += rows_in_world(rows.axes[closed], found.impulse)
             change += found.energy_change
-            jump, solution = impulse_response(motion, state, found.wrench)
-            base += _base_impulse(motion, solution)
-            state = quickened(state, jump)
-            u = rows.velocity(state.object_twist)
+            response = stacked_response(motion, state, hands, found.wrench)
+            base += _base_impulse(motion, response.found)
+            for hand, push in zip(hands, response.bases, strict=True):
+                base += shift_wrench(chain.arms[hand.arm].base.p, push)
+            state = quickened(state, response.change)
+            u = rows.velocity(stacked_twist(chain, state, hands))
         stays = closed[np.abs(u[closed, 2]) < 10.0 * APPROACH_SPEED]
-        state, mode, slip, solution = _accelerated(chain, state, accelerate, held, stays, P, reached)
+        state, mode, slip, solution = _accelerated(chain, state, accelerate, held, stays, P, reached, hands)
         jammed = solution.status in (ContactStatus.JAMMED, ContactStatus.UNRESOLVED)
         if not jammed:
             break
     assert solution is not None
     require_resolved(solution, "forces")
     still = rows.restitution < 1.0
-    pull = -(rows.C @ accelerate(state) + rows.drift)[:, 2] if slow.any() else np.ones(k)
+    pull = np.ones(k)
+    if slow.any():
+        pull = -(rows.C @ stacked_acceleration(chain, state, hands, accelerate(state)) + rows.drift)[:, 2]
     e = np.where(still, rows.restitution, 0.0)
     rebounding = np.where((slow > 0.0) & (pull > 0.0), 2.0 * slow * e / (np.maximum(pull, 1e-300) * (1.0 - e)), 0.0)
-    for l, p in zip(rows.point, total, strict=True):
+    of_world = k - len(point_owners(hands))
+    for l, p in zip(rows.point[:of_world], total, strict=False):
         base += np.concatenate([np.cross(state.object_frame.p + l, p), p])
-    return Decision(state, ContactModes(mode, slip), total, base, change, jams, rebounding, solution.status)
+    return Decision(state, ContactModes(mode, slip, hands), total, base, change, jams, rebounding, solution.status)
 
 
 def _base_impulse(motion: ChainMotion, found: Solution) -> Array:
@@ -158,32 +178,43 @@ def _base_impulse(motion: ChainMotion, found: Solution) -> Array:
 
 
 def _accelerated(
-    chain: ClosedChain, state: State, accelerate: Any, held: Array | None, stays: Array, P: Array, reached: Reached
+    chain: ClosedChain,
+    state: State,
+    accelerate: Callable[[State], ForwardResult],
+    held: Array | None,
+    stays: Array,
+    P: Array,
+    reached: Reached,
+    hands: tuple[Hand, ...],
 ) -> tuple[State, Array, Array, ContactSolution]:
     """Return the state with velocities on the contacts that stay, their modes and slips, and the forces."""
-    assert chain.touching is not None
-    rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
-    k, u = len(rows.gap), rows.velocity(state.object_twist)
-    mode, slip = np.zeros(k, int), np.zeros((k, 3))
-    sizes = np.hypot(u[:, 0], u[:, 1])
+    rows = touching_rows(chain, state, hands)
+    u = rows.velocity(stacked_twist(chain, state, hands))
+    (k, d), along = u.shape, tangents(u)
+    mode, slip = np.zeros(k, int), np.zeros((k, d))
+    sizes = np.linalg.norm(u[:, along], axis=1)
     for j in stays:
         slides = sizes[j] > STOPPED_SPEED or rows.friction[j] == 0.0
         mode[j] = ContactMode.SLIPS if slides else ContactMode.STICKS
-    state = on_contacts(chain, state, ContactModes(mode, slip), held)
-    rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
-    u = rows.velocity(state.object_twist)
-    direction = np.where((sizes > STOPPED_SPEED)[:, None], u[:, :2] / np.maximum(sizes, STOPPED_SPEED)[:, None], 0.0)
-    direction /= np.maximum(np.hypot(*direction.T), 1e-300)[:, None]
+    state = on_contacts(chain, state, ContactModes(mode, slip, hands), held)
+    rows = touching_rows(chain, state, hands)
+    u = rows.velocity(stacked_twist(chain, state, hands))
+    direction = np.where((sizes > STOPPED_SPEED)[:, None], u[:, along] / np.maximum(sizes, STOPPED_SPEED)[:, None], 0.0)
+    direction /= np.maximum(np.linalg.norm(direction, axis=1), 1e-300)[:, None]
     direction[sizes <= STOPPED_SPEED] = 0.0
     direction[rows.friction == 0.0] = 0.0
-    b = rows.C @ accelerate(state) + rows.drift
+    b = rows.C @ stacked_acceleration(chain, state, hands, accelerate(state)) + rows.drift
     found = solve_contacts(P, rows.C[stays], b[stays], rows.friction[stays], slide=direction[stays])
     mode[:] = ContactMode.OPEN
     largest = float(np.abs(found.force).max(initial=0.0))
+    of_world, owners = k - len(point_owners(hands)), point_owners(hands)
+    spent = [of_world + i for i, one in enumerate(owners) if hands[one].arm in reached.spent]
+    slipping = {**reached.slipping, **_beginning(rows, stays, of_world, found, spent, largest)}
+    lifted = {*reached.lifted, *spent}
     for j, m, a, f in zip(stays.tolist(), found.mode, found.velocity, found.force, strict=True):
-        mode[j] = ContactMode.OPEN if j in reached.lifted and f[2] <= VANISHED * largest else m
-        if m == ContactMode.STICKS and j in reached.slipping:
-            mode[j], slip[j] = ContactMode.SLIPS, reached.slipping[j]
+        mode[j] = ContactMode.OPEN if j in lifted and f[2] <= VANISHED * largest else m
+        if mode[j] == ContactMode.STICKS and j in slipping:
+            mode[j], slip[j] = ContactMode.SLIPS, np.resize(np.append(slipping[j], 0.0), d)
             continue
         if mode[j] == ContactMode.OPEN:
             continue
@@ -192,9 +223,35 @@ def _accelerated(
         if rows.friction[j] == 0.0:
             mode[j] = ContactMode.CLOSED
         if mode[j] == ContactMode.SLIPS:
-            t = direction[j] if direction[j].any() else a[:2] / max(float(np.hypot(*a[:2])), 1e-300)
-            slip[j] = t @ rows.axes[j, :2]
+            t = direction[j] if direction[j].any() else a[along] / max(float(np.linalg.norm(a[along])), 1e-300)
+            slip[j] = slip_in_world(rows.axes[j], t)
     return state, mode, slip, found
+
+
+def _beginning(
+    rows: ContactRows, stays: Array, of_world: int, found: ContactSolution, spent: list[int], largest: float
+) -> dict[int, Array]:
+    """Return the directions in which points of hands begin to slip that can no longer hold, though they seem to.
+
+    These are the ones at their limits. If there is none, although no other forces would hold it, it is all that
+    press: the hand then fails as a whole.
+    """
+    along = tangents(found.force)
+    seem = [
+        (j, f)
+        for j, m, f in zip(stays.tolist(), found.mode, found.force, strict=True)
+        if j in spent and f[2] > VANISHED * largest
+    ]
+    used = [np.linalg.norm(f[along]) >= (1.0 - VANISHED) * rows.friction[j] * f[2] for j, f in seem]
+    changed = any(m != ContactMode.STICKS for j, m in zip(stays.tolist(), found.mode, strict=True) if j in spent)
+    alone = set(stays.tolist()) <= {*range(of_world, len(rows.gap))}
+    whole = (alone or found.status is ContactStatus.OK) and not (changed or any(used))
+    used = [True] * len(seem) if whole else used
+    return {
+        j: slip_in_world(rows.axes[j], -f[along] / max(float(np.linalg.norm(f[along])), 1e-300))
+        for (j, f), limit in zip(seem, used, strict=True)
+        if limit
+    }
 
 
 def require_resolved(found: Collision | ContactSolution, what: str) -> None:

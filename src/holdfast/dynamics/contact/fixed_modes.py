@@ -16,13 +16,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closed.held_rows import holding
-from holdfast.dynamics.closed.sequential import rest_response
-from holdfast.dynamics.contact.rows import ContactRows, contact_rows
+from holdfast.dynamics.contact.rows import ContactRows
+from holdfast.dynamics.contact.sliding_hands import (
+    Hand,
+    stacked_acceleration,
+    stacked_mobility,
+    stacked_response,
+    stacked_twist,
+    touching_rows,
+)
 from holdfast.dynamics.contact.solved_contacts import ContactMode
-from holdfast.dynamics.contact.touch import impulse_response
 from holdfast.dynamics.projection import displaced_by, quickened
+from holdfast.dynamics.result import ForwardResult
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
@@ -40,11 +47,14 @@ class ContactModes(Frozen):
 
     Attributes:
         mode: (k,) numbers of `ContactMode`.
-        slip: (k, 3) unit vectors along the slip of slipping contacts, world axes; 0 for others.
+        slip: (k, 3) unit vectors along the slip of slipping contacts, world axes; 0 for others. (k, 4) with soft
+            fingers, whose fourth component is the spin times the torsion radius.
+        hands: hands that slide, whose points follow the contacts with the world.
     """
 
     mode: Array
     slip: Array
+    hands: tuple[Hand, ...] = ()
 
     @property
     def closed(self) -> Array:
@@ -53,7 +63,8 @@ class ContactModes(Frozen):
 
     def imposed(self) -> tuple[Array, Array]:
         """Return contact and axis of every imposed row, (m,) each."""
-        pairs = [(j, i) for j in self.closed for i in ((0, 1, 2) if self.mode[j] == ContactMode.STICKS else (2,))]
+        every = range(self.slip.shape[1])
+        pairs = [(j, i) for j in self.closed for i in (every if self.mode[j] == ContactMode.STICKS else (2,))]
         found = np.array(pairs, dtype=int).reshape(-1, 2)
         return found[:, 0], found[:, 1]
 
@@ -64,8 +75,9 @@ class Touch(Frozen):
 
     Attributes:
         rows: gaps, rows and axes.
-        force: (k, 3) forces of the world on the object, contact axes [N].
-        velocity: (k, 3) u, contact axes [m/s].
+        force: (k, 3) forces of the world on the object, contact axes [N]; (k, 4) with soft fingers, moments divided by
+            the torsion radius.
+        velocity: (k, 3) u, contact axes [m/s]; (k, 4) likewise.
         modes: the modes, with the slip directions of this instant.
         slip_speed: (k,) velocity along the direction of slip at the step's start; infinite unless slipping [m/s].
     """
@@ -77,48 +89,64 @@ class Touch(Frozen):
     slip_speed: Array
 
 
-def touch_at(chain: ClosedChain, state: State, acceleration: Array, held: Array | None, modes: ContactModes) -> Touch:
+def touch_at(chain: ClosedChain, state: State, free: ForwardResult, modes: ContactModes) -> Touch:
     """Return the forces of contacts in given modes. O(n) + O(l) + O(k).
 
     Args:
-        chain: the chain, with `touching`.
+        chain: the chain, without the grasps of hands that slide.
         state: positions and velocities.
-        acceleration: (6,) of the object without contact forces.
-        held: rows of the grasps to impose, see `held_rows`.
+        free: forward dynamics without contact forces.
         modes: the modes, with slip directions at the step's start.
     """
-    assert chain.touching is not None
-    rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
-    u, force = rows.velocity(state.object_twist), np.zeros((len(rows.gap), 3))
+    hands = modes.hands
+    rows = touching_rows(chain, state, hands)
+    u = rows.velocity(stacked_twist(chain, state, hands))
+    force = np.zeros(u.shape)
     directions, slip, speed = _slip(rows, u, modes)
     of, axis = modes.imposed()
     if len(of):
-        P = rest_response(holding(chain_at_rest(chain, state), held)).mobility
-        A, gives = rows.C[of, axis], np.eye(3)[axis]
+        P = stacked_mobility(holding(chain_at_rest(chain, state), free.held), hands)
+        A, gives = rows.C[of, axis], np.eye(u.shape[1])[axis]
         slips = modes.mode[of] == ContactMode.SLIPS
-        gives[slips, :2] = -rows.friction[of[slips], None] * directions[of[slips]]
+        gives[np.ix_(slips, tangents(u))] = -rows.friction[of[slips], None] * directions[of[slips]]
         D = np.einsum("mia,mi->ma", rows.C[of], gives)
-        b = A @ acceleration + rows.drift[of, axis]
+        b = A @ stacked_acceleration(chain, state, hands, free) + rows.drift[of, axis]
         x = np.linalg.lstsq(A @ P @ D.T, -b, rcond=DEPENDENT)[0]
         np.add.at(force, of, x[:, None] * gives)
     return Touch(rows, force, u, replace(modes, slip=slip), speed)
 
 
 def _slip(rows: ContactRows, u: Array, modes: ContactModes) -> tuple[Array, Array, Array]:
-    """Return the directions of slip for friction (k, 2) in contact axes, those of now (k, 3), and the slip speeds (k,).
+    """Return the directions of slip for friction in contact axes, those of now in world axes, and the slip speeds (k,).
 
     The first turn with the slip, but do not reverse where it stops.
     """
-    along, slip, speed = np.zeros((len(u), 2)), modes.slip.copy(), np.full(len(u), np.inf)
+    t = u[:, tangents(u)]
+    along, slip, speed = np.zeros(t.shape), modes.slip.copy(), np.full(len(u), np.inf)
     for j in np.flatnonzero(modes.mode == ContactMode.SLIPS):
-        before = rows.axes[j, :2] @ modes.slip[j]
-        speed[j] = u[j, :2] @ before
-        size = float(np.hypot(*u[j, :2]))
-        d = u[j, :2] / size if size > SLOWEST_SLIP else before / np.hypot(*before)
+        before = slip_in_axes(rows.axes[j], modes.slip[j])
+        speed[j] = t[j] @ before
+        size = float(np.linalg.norm(t[j]))
+        d = t[j] / size if size > SLOWEST_SLIP else before / np.linalg.norm(before)
         along[j] = d if d @ before >= 0.0 else -d
         if size > SLOWEST_SLIP and speed[j] > 0.0:
-            slip[j] = d @ rows.axes[j, :2]
+            slip[j] = slip_in_world(rows.axes[j], d)
     return along, slip, speed
+
+
+def tangents(u: Array) -> list[int]:
+    """Return the indices of the tangential components of vectors [t1, t2, n] or [t1, t2, n, spin], (k, 3 or 4)."""
+    return [i for i in range(u.shape[1]) if i != 2]
+
+
+def slip_in_axes(axes: Array, slip: Array) -> Array:
+    """Return a slip in world axes, perhaps with a spin, as [t1, t2] or [t1, t2, spin]."""
+    return np.concatenate([axes[:2] @ slip[:3], slip[3:]])
+
+
+def slip_in_world(axes: Array, t: Array) -> Array:
+    """Return the inverse of `slip_in_axes`."""
+    return np.concatenate([t[:2] @ axes[:2], t[2:]])
 
 
 def on_contacts(
@@ -131,32 +159,32 @@ def on_contacts(
     ones do not slip.
 
     Args:
-        chain: the chain, with `touching`.
+        chain: the chain, without the grasps of hands that slide.
         state: a state that satisfies the grasps.
         modes: the modes.
         held: rows of the grasps to impose, see `held_rows`.
         velocities: whether velocities are changed, too.
     """
-    touching, closed = chain.touching, modes.closed
-    assert touching is not None
+    closed, hands = modes.closed, modes.hands
     if not len(closed):
         return state
     for _ in range(ROUNDS):
-        rows = contact_rows(touching, state.object_frame, state.object_twist)
+        rows = touching_rows(chain, state, hands)
         if not np.abs(rows.gap[closed]).max() > SETTLED_GAP:
             break
         motion = holding(chain_at_rest(chain, state), held, positions=True)
-        push = _removing(motion, rows.C[closed, 2], rows.gap[closed])
-        state = displaced_by(state, impulse_response(motion, state, push)[0])
+        push = _removing(stacked_mobility(motion, hands), rows.C[closed, 2], rows.gap[closed])
+        state = displaced_by(state, stacked_response(motion, state, hands, push).change)
     if not velocities:
         return state
-    rows = contact_rows(touching, state.object_frame, state.object_twist)
+    rows = touching_rows(chain, state, hands)
     of, axis = modes.imposed()
     motion = holding(chain_at_rest(chain, state), held)
-    push = _removing(motion, rows.C[of, axis], rows.velocity(state.object_twist)[of, axis])
-    return quickened(state, impulse_response(motion, state, push)[0])
+    u = rows.velocity(stacked_twist(chain, state, hands))
+    push = _removing(stacked_mobility(motion, hands), rows.C[of, axis], u[of, axis])
+    return quickened(state, stacked_response(motion, state, hands, push).change)
 
 
-def _removing(motion: ChainMotion, A: Array, gap: Array) -> Array:
-    """Return the impulse A^T x on the object that changes A V by -gap, (6,)."""
-    return A.T @ np.linalg.lstsq(A @ rest_response(motion).mobility @ A.T, -gap, rcond=DEPENDENT)[0]
+def _removing(P: Array, A: Array, gap: Array) -> Array:
+    """Return the impulse A^T x, on the object and on tips of the mobility P, that changes A V by -gap."""
+    return A.T @ np.linalg.lstsq(A @ P @ A.T, -gap, rcond=DEPENDENT)[0]

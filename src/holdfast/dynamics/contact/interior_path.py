@@ -41,7 +41,6 @@ from holdfast.spatial.vector import largest
 
 LARGEST_DIRECTION = 1e100  # step of z that is taken
 LEAST_PRODUCT = 1e-10  # kappa at which the path ends
-E0 = np.array([1.0, 0.0, 0.0])
 
 
 class PathPace(NamedTuple):
@@ -119,7 +118,7 @@ def path_forces(contacts: list[ReducedContact], pace: PathPace = FAST, compliant
         compliant: whether any contact has a compliance.
     """
     roots = each(lambda c: sqrt(c.gauge), contacts)
-    stretches = each(lambda c: array([1.0, c.friction, c.friction]), contacts)
+    stretches = each(lambda c: array([1.0, *[c.friction] * (len(c.free) - 1)]), contacts)
     unit = TINY + largest(
         entry * reciprocal(g) for c, D, g in zip(contacts, stretches, roots, strict=True) for entry in D * c.free
     )
@@ -131,7 +130,8 @@ def path_forces(contacts: list[ReducedContact], pace: PathPace = FAST, compliant
         )
 
     own = each(scaled, contacts, stretches, roots)
-    start = ConePoint(0.0 * contacts[0].by_z[0], [E0] * len(contacts), [E0] * len(contacts))
+    inside = np.eye(len(contacts[0].free))[0]
+    start = ConePoint(0.0 * contacts[0].by_z[0], [inside] * len(contacts), [inside] * len(contacts))
     last, _ = scan(lambda at, _: (_advanced(own, pace, at, compliant), None), start, [None] * pace.steps)
     return each(lambda D, root, x: (unit * reciprocal(root)) * (D * x), stretches, roots, last.x)
 
@@ -159,7 +159,7 @@ def _advanced(contacts: list[ScaledContact], pace: PathPace, at: ConePoint, comp
             worst = maximum(worst, rate)
         return minimum(1.0, share * reciprocal(maximum(worst, 0.5 * share)))
 
-    _, dx, dy = direction([np.zeros(3)] * len(contacts))
+    _, dx, dy = direction([np.zeros(len(at.x[0]))] * len(contacts))
     less = 1.0 - longest(dx, dy, 1.0)
     target = maximum(maximum(less * less * less, pace.least) * kappa, LEAST_PRODUCT)
     dz, dx, dy = direction(each(lambda one, a, b: one.scaling.corrected(a, b, target), of, dx, dy))
@@ -183,7 +183,7 @@ def _linearised(c: ScaledContact, z: Array, x: Array, y: Array, smooth: Scalar, 
     T = H @ _coupled(c.by_z, coupling)
     soft = None
     if compliant:
-        soft = lu(np.eye(3) + H @ _coupled(np.diag(c.softness), coupling))
+        soft = lu(np.eye(len(x)) + H @ _coupled(np.diag(c.softness), coupling))
         T = lu_solve(soft, T)
     gap = concatenate([[u[0] + s - y[0]], u[1:] - y[1:]])
     return Linearised(W, H, coupling, gap, T, soft, c.along.T @ T)
@@ -191,7 +191,7 @@ def _linearised(c: ScaledContact, z: Array, x: Array, y: Array, smooth: Scalar, 
 
 def _coupled(rows: Array, coupling: Array) -> Array:
     """Return E rows."""
-    return array([rows[0] + coupling @ rows[1:], rows[1], rows[2]])
+    return array([rows[0] + coupling @ rows[1:], *rows[1:]])
 
 
 def _right_side(one: Linearised, x: Array, wanted: Array) -> Array:

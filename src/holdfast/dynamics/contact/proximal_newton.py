@@ -96,20 +96,19 @@ def lawful_force(v: Array, mu: Scalar) -> Array:
 
 
 def lawful(v: Array, mu: Scalar) -> tuple[Array, Array]:
-    """Return `lawful_force` and its derivative, (3, 3)."""
+    """Return `lawful_force` and its derivative, a square matrix."""
     n, pressed = maximum(v[0], 0.0), where(v[0] > 0.0, 1.0, 0.0)
     size = sqrt(v[1:] @ v[1:])
     slips = size > mu * n
     inverse = reciprocal(where(size > 0.0, size, 1.0))
     ratio = where(slips, mu * n * inverse, 1.0)
     along = where(slips, inverse, 0.0) * v[1:]
-    turning = ratio * pressed * (np.eye(2) - outer(along, along))
-    by_normal = (mu * pressed) * along
+    turning = ratio * pressed * (np.eye(len(along)) - outer(along, along))
+    by_normal, across = (mu * pressed) * along, range(len(along))
     D = array(
         [
-            [pressed, 0.0, 0.0],
-            [by_normal[0], turning[0, 0], turning[0, 1]],
-            [by_normal[1], turning[1, 0], turning[1, 1]],
+            [pressed, *(0.0 for _ in across)],
+            *([by_normal[i], *(turning[i, j] for j in across)] for i in across),
         ]
     )
     return concatenate([[n], ratio * v[1:]]), D

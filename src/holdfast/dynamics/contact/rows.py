@@ -27,6 +27,8 @@ from holdfast.spatial.vector import cross
 class ContactRows(NamedTuple):
     """The contacts of the object with the world at one instant, k candidates.
 
+    With hands that slide, their points follow, and C has more columns and perhaps a fourth row, see `sliding_hands`.
+
     Attributes:
         gap: (k,) distances, negative within a shape [m].
         C: (k, 3, 6) rows along the contact axes: C V is the velocity of the object at the contact point.
@@ -53,11 +55,17 @@ class ContactRows(NamedTuple):
 
     def wrench(self, force: Array) -> Array:
         """Return the sum of C^T lambda for lambda (k, 3) in contact axes: a wrench (6,) about C, world axes."""
-        return sum((rows.T @ one for rows, one in zip(self.C, force, strict=True)), np.zeros(6))
+        none = np.zeros(self.C[0].shape[1]) if len(self.C) else np.zeros(6)
+        return sum((rows.T @ one for rows, one in zip(self.C, force, strict=True)), none)
 
     def in_world(self, force: Array) -> Array:
         """Return vectors (k, 3) in contact axes as vectors in world axes."""
-        return array([one @ axes for one, axes in zip(force, self.axes, strict=True)])
+        return rows_in_world(self.axes, force)
+
+
+def rows_in_world(axes: Array, x: Array) -> Array:
+    """Return vectors (k, 3 or more), of which the first three are along axes (k, 3, 3), in world axes, (k, 3)."""
+    return array([one[:3] @ own for one, own in zip(x, axes, strict=True)])
 
 
 def contact_rows(touching: Touching, object_frame: Pose, twist: Array) -> ContactRows:

@@ -14,7 +14,7 @@ from holdfast.dynamics.contact.contact_forces import (
     contact_problem,
     found_forces,
 )
-from holdfast.dynamics.contact.contact_law import NORMAL_FIRST, unknown
+from holdfast.dynamics.contact.contact_law import normal_first, unknown
 from holdfast.dynamics.contact.faceted_cones import faceted_forces
 from holdfast.dynamics.contact.gauss_seidel import swept_forces
 from holdfast.dynamics.contact.interior_path import CAUTIOUS, path_forces
@@ -40,6 +40,7 @@ from holdfast.spatial.scalar import Array
 SOFT = 1e-8  # compliance of all contacts, relative to their mobilities
 THOROUGH = (1e-2, 1e-2, 1e-3, 1e-3, 1e-4, 1e-4)  # compliances of Newton's steps in the slower ways
 PATIENT = (1e-1,) * 5 + (1e-2,) * 10 + (1e-3, 1e-3, 1e-4, 1e-4)
+LONGEST_POLISH = (1e-2,) * 10 + (1e-3,) * 10 + (1e-4,) * 10 + (1e-5,) * 10
 LOADS = (1.0, 0.5)  # of the largest change of loads that keeps the forces in their cones
 SAME_MOTION = 1e-7  # motions that differ less, relative to the free velocities, are one
 
@@ -58,8 +59,10 @@ def solve_contacts(
     """Return the forces that satisfy Signorini's and Coulomb's laws, and the motion with them.
 
     Args:
-        mobility: (6, 6) P, the object's mobility in the chain, about C, world axes.
-        rows: (k, 3, 6) C, [t1, t2, n] of the velocity of the object's contact point, n into the object.
+        mobility: (6, 6) P, the object's mobility in the chain, about C, world axes; (r, r) with other bodies, such as
+            hands that slide.
+        rows: (k, 3, r) C, [t1, t2, n] of the velocity of the object's contact point, n into the object. (k, 4, r) with
+            a spin of each contact about its normal, times its torsion radius; 0 for one at a point.
         free: (k, 3) b, relative velocity (with impulses) or acceleration (with forces) without contact forces.
         friction: (k,) mu >= 0.
         compliance: (k,) velocity, or acceleration, that a unit of force gives way; 0 by default: rigid.
@@ -74,17 +77,15 @@ def solve_contacts(
     """
     problem = _checked(mobility, rows, free, friction, compliance, slide)
     if not problem.contacts:
-        none = np.zeros((0, 3))
-        return ContactSolution(
-            none, np.zeros(6), np.zeros(6), none, np.zeros(0, int), ContactStatus.OK, 0.0, proven=True
-        )
-    first = None if start is None else checks.numbers(start, (len(problem.contacts), 3), "start", StateError)
+        none, still = np.zeros(problem.rows.shape[:2]), np.zeros(problem.rows.shape[2])
+        return ContactSolution(none, still, still, none, np.zeros(0, int), ContactStatus.OK, 0.0, proven=True)
+    first = None if start is None else checks.numbers(start, problem.rows.shape[:2], "start", StateError)
     return settled(problem, surely(problem, first))
 
 
 def surely(problem: ContactProblem, start: Array | None = None) -> list[Array]:
     """Return the forces that violate the laws least of all ways that are tried, in turn, until one resolves them."""
-    best, least = [np.zeros(3) for _ in problem.contacts], np.inf
+    best, least = [0.0 * c.free for c in problem.contacts], np.inf
     for _, forces, off in ways(problem, start):
         if off < least:
             best, least = forces, off
@@ -94,17 +95,29 @@ def surely(problem: ContactProblem, start: Array | None = None) -> list[Array]:
 
 
 def ways(problem: ContactProblem, start: Array | None = None) -> Iterator[tuple[str, list[Array], float]]:
-    """Yield forces and their violation of the laws: from given ones, the fast way, then ever slower and surer ways."""
+    """Yield forces and their violation of the laws: from given ones, the fast way, then ever slower and surer ways.
+
+    The last one goes on from the best forces of all, in many more steps.
+    """
+    best, least = [0.0 * c.free for c in problem.contacts], np.inf
+    for way, forces, off in _each_way(problem, start):
+        if off < least:
+            best, least = forces, off
+        yield way, forces, off
+    yield "longer", *polished(problem.contacts, best, LONGEST_POLISH)
+
+
+def _each_way(problem: ContactProblem, start: Array | None) -> Iterator[tuple[str, list[Array], float]]:
     contacts = problem.contacts
     if start is not None:
-        yield "warm", *polished(contacts, [np.roll(x, 1) for x in start])
+        yield "warm", *polished(contacts, [normal_first(x) for x in start])
     yield "fast", *cold_forces(problem)
     yield "careful", *polished(contacts, path_forces(contacts, CAUTIOUS, problem.compliant), THOROUGH)
     soft = [c._replace(compliance=c.compliance + SOFT * c.gauge) for c in contacts]  # internal forces stay finite
     yield "soft", *polished(contacts, path_forces(soft, CAUTIOUS, True), PATIENT)
-    for forces in faceted_forces(contacts):
+    for forces in faceted_forces(contacts) if problem.rows.shape[1] == 3 else ():
         yield "facets", *polished(contacts, forces, THOROUGH)
-    yield "sweeps", *polished(contacts, swept_forces(contacts), THOROUGH)
+    yield "sweeps", *polished(contacts, swept_forces(contacts), LONGEST_POLISH)
 
 
 def settled(problem: ContactProblem, forces: list[Array]) -> ContactSolution:
@@ -120,7 +133,7 @@ def settled(problem: ContactProblem, forces: list[Array]) -> ContactSolution:
         jammed = sets == [] or squeezing_forces(contacts) is not None
         return _solution(problem, forces, ContactStatus.JAMMED if jammed else ContactStatus.UNRESOLVED)
     proven = proven_unique(contacts) or (sets is not None and _count(problem, sets) == 1)
-    active = active_rows(contacts, forces, found.velocity[:, NORMAL_FIRST], found.mode)
+    active = active_rows(contacts, forces, np.array([normal_first(u) for u in found.velocity]), found.mode)
     freedoms = load_freedoms(active)
     if freedoms.null.shape[1]:
         equal, off = polished(contacts, of_equal_compliances(active, freedoms, forces))
@@ -144,7 +157,7 @@ def _other_solutions(
 ) -> list[list[Array]]:
     """Return further forces that satisfy the laws: along the free loads, and from a start without forces."""
     contacts = problem.contacts
-    starts = [[np.zeros(3) for _ in contacts]]
+    starts = [[0.0 * x for x in forces]]
     for direction in freedoms.moving.T:
         for change in (direction, -direction):
             most = largest_load(active, contacts, forces, change)
@@ -190,16 +203,18 @@ def _checked(
     compliance: ArrayLike | None,
     slide: ArrayLike | None,
 ) -> ContactProblem:
-    P = checks.numbers(mobility, (6, 6), "mobility", StateError)
+    C = np.asarray(rows, dtype=float)
+    d, r = C.shape[1:] if C.ndim == 3 and C.shape[1] in (3, 4) and C.shape[2] >= 6 else (3, 6)
+    P = checks.numbers(mobility, (r, r), "mobility", StateError)
     mu = np.asarray(friction, dtype=float)
     k = len(mu) if mu.ndim == 1 else 1
     mu = checks.numbers(mu, (k,), "friction", StateError)
-    C = checks.numbers(rows, (k, 3, 6), "rows", StateError)
-    b = checks.numbers(free, (k, 3), "free", StateError)
+    C = checks.numbers(rows, (k, d, r), "rows", StateError)
+    b = checks.numbers(free, (k, d), "free", StateError)
     give = checks.numbers(np.zeros(k) if compliance is None else compliance, (k,), "compliance", StateError)
-    t = checks.numbers(np.zeros((k, 2)) if slide is None else slide, (k, 2), "slide", StateError)
+    t = checks.numbers(np.zeros((k, d - 1)) if slide is None else slide, (k, d - 1), "slide", StateError)
     if k == 0:
-        return ContactProblem(np.zeros((6, 6)), C, [])
+        return ContactProblem(np.zeros((r, r)), C, [])
     if mu.min() < 0.0 or give.min() < 0.0:
         what, worst = ("friction", mu.min()) if mu.min() < 0.0 else ("compliance", give.min())
         raise StateError(f"{what}: expected numbers >= 0, got {worst:g}; try 0 for a contact without it")

@@ -75,9 +75,9 @@ def active_rows(contacts: Sequence[ReducedContact], forces: Sequence[Array], u: 
         mode = ContactMode(int(modes[j]))
         if mode is ContactMode.OPEN:
             continue
-        units = np.eye(3)[: 3 if mode is ContactMode.STICKS else 1].copy()
+        units = np.eye(len(x))[: len(x) if mode is ContactMode.STICKS else 1].copy()
         if mode is ContactMode.SLIPS and c.friction > 0.0:
-            size = float(np.hypot(*u[j, 1:]))
+            size = float(np.linalg.norm(u[j, 1:]))
             t = u[j, 1:] / size
             units[0, 1:] = -c.friction * t
             across = c.by_z[1:] - np.outer(t, t @ c.by_z[1:])
@@ -86,7 +86,7 @@ def active_rows(contacts: Sequence[ReducedContact], forces: Sequence[Array], u: 
         R.append(c.by_z[: len(units)])
         places += [(j, i) for i in range(len(units))]
         directions += list(units)
-    return ActiveRows(np.concatenate(N), np.concatenate(R), K, places, np.array(directions).reshape(-1, 3))
+    return ActiveRows(np.concatenate(N), np.concatenate(R), K, places, np.array(directions).reshape(-1, len(forces[0])))
 
 
 def unique_forces(active: ActiveRows) -> bool:
@@ -141,7 +141,7 @@ def largest_load(
     active: ActiveRows, contacts: Sequence[ReducedContact], forces: Sequence[Array], change: Array
 ) -> float:
     """Return the largest multiple of a change of the active forces that keeps all of them in their cones."""
-    still, d = [np.zeros(3) for _ in contacts], 1e-300
+    still, d = [0.0 * x for x in forces], 1e-300
     most = np.inf
     for c, x, step in zip(contacts, forces, added(active, still, change), strict=True):
         if step[0] < 0.0:
@@ -166,7 +166,7 @@ def proven_unique(contacts: Sequence[ReducedContact]) -> bool:
     rubbing = [c for c in contacts if c.friction > 0.0]
     if not rubbing:
         return True
-    mu = np.repeat([float(c.friction) for c in rubbing], 2)
+    mu = np.repeat([float(c.friction) for c in rubbing], len(rubbing[0].free) - 1)
     n, t = np.array([c.by_z[0] for c in contacts]), np.concatenate([c.by_z[1:] for c in rubbing])
     if len(n) + len(t) > n.shape[1] or _rank(np.concatenate([n, t])) < len(n) + len(t):
         return False
@@ -213,7 +213,7 @@ def pressing_sets(contacts: Sequence[ReducedContact]) -> list[list[Array]] | Non
                 continue
             x[S] = np.linalg.solve(block, -b[S])
         if x.min() >= 0.0 and (b + A @ x).min() >= -1e-12 * size:
-            found.append([np.array([one, 0.0, 0.0]) for one in x])
+            found.append([one * np.eye(len(contacts[0].free))[0] for one in x])
     return found
 
 
