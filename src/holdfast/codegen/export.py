@@ -29,7 +29,7 @@ from holdfast.errors import ModelError, ResultError
 from holdfast.io.files import file_path, names_in, replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import serial_chain, without_contacts
+from holdfast.model.serial_chain import serial_chain, with_arms
 from holdfast.progress import busy, detail
 from holdfast.simulation.environment import BaseMotion
 from holdfast.spatial.frozen import FrozenDict
@@ -122,7 +122,7 @@ def export_c(
     compiled = chain if isinstance(chain, CompiledChain) else None
     if compiled is None:
         serial_chain(chain, "export: chain")
-        without_contacts(chain, "export", arms=True)
+        with_arms(chain, "export")
     checks.instance(name, str, "export: name")
     checks.instance(target, str, "export: target")
     checks.instance(scheme, str, "export: scheme")
