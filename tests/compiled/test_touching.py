@@ -56,6 +56,7 @@ def test_stored_instants(name):
         assert np.array_equal(found.touch_mode, true.touch_mode)
 
 
+@pytest.mark.slow
 def test_one_system_is_as_a_batch_and_as_bound():
     """Bits do not depend on the call: pressed, pulled off, and with corners that are far away."""
     chain, state, tau = on_a_table(more={"above": [0.0, 0.0, 0.1]})
@@ -79,6 +80,7 @@ def test_one_system_is_as_a_batch_and_as_bound():
     assert batch.touch_mode.dtype == np.int64
 
 
+@pytest.mark.slow
 def test_from_given_forces():
     """Three of Newton's steps from the forces of a similar instant lead to the same motion."""
     chain, state, tau = on_a_table()
@@ -100,7 +102,7 @@ def test_what_has_no_forces():
     chain, state, tau = on_a_table()
     compiled = hf.compile(chain)
     down = replace(state, object_twist=np.array([0.0, 0.0, 0.0, 0.0, 0.0, -0.1]))
-    with pytest.raises(StateError, match="is closed and approaches with 0.1 m/s"):
+    with pytest.raises(StateError, match=r"is closed and approaches with 0\.1 m/s"):
         compiled.forward_dynamics(*arguments(down, tau))
     twists = np.array([state.object_twist, down.object_twist])
     found = compiled.forward_dynamics(state.q, state.qd, tau, state.object_pose, twists)
@@ -108,6 +110,7 @@ def test_what_has_no_forces():
     assert np.isfinite(found.qdd[0]).all() and np.isnan(found.qdd[1]).all()
 
 
+@pytest.mark.slow
 def test_forces_that_are_not_found():
     """A bad start is not accepted: the call says what to try instead."""
     chain, state, tau = on_a_table()
@@ -120,7 +123,7 @@ def test_refusals():
     """What contacts with the world are not built in says so."""
     chain, state, tau = on_a_table()
     compiled = hf.compile(chain)
-    with pytest.raises(MethodNotApplicable, match="forward_dynamics.vjp"):
+    with pytest.raises(MethodNotApplicable, match=r"forward_dynamics\.vjp"):
         compiled.forward_dynamics.vjp(*arguments(state, tau), qdd=np.ones(14))
     with pytest.raises(MethodNotApplicable, match="distribute"):
         compiled.distribute  # noqa: B018

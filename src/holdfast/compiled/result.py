@@ -150,12 +150,12 @@ class CompiledResult(SolvedResults, ForwardResult):  # pyright: ignore[reportInc
         return self._if_any("trunk_base_wrench")
 
     @property
-    def touch_force(self) -> Array | None:  # type: ignore[override]
+    def touch_force(self) -> Any:  # type: ignore[override]
         """(k, 3) force of the world on the object at every candidate, world axes; None without `touching`."""
         return self._if_any("touch_force")
 
     @property
-    def touch_gap(self) -> Array | None:  # type: ignore[override]
+    def touch_gap(self) -> Any:  # type: ignore[override]
         """(k,) distances; None without `touching`."""
         return self._if_any("touch_gap")
 

@@ -37,6 +37,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 MakeStepper = Callable[[Environment, Controller, int, Tableau, Tolerance], Stepper]
+MakeContactStepper = Callable[[Environment, Controller, int, Tableau, Tolerance, ContactModes], Stepper]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,7 @@ class RunSettings:
         stops: times at which steps must end.
         recording: what is recorded.
         by_impulses: whether contacts with the world are followed by steps with impulses instead of events.
+        make_contacts: as `make_stepper`, of contacts in fixed modes besides.
     """
 
     environment: Environment
@@ -70,6 +72,7 @@ class RunSettings:
     stops: Stops
     recording: RecordSettings
     by_impulses: bool = False
+    make_contacts: MakeContactStepper = ContactStepper
 
     @property
     def end(self) -> float:
@@ -121,8 +124,8 @@ class Segment:
         """The stepper of this segment; it subdivides steps of fixed length if `largest_drift` is given."""
         run = self.settings
         if self.contacts is not None:
-            of = self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance, self.contacts
-            return ImpulseStepper(*of) if run.by_impulses else ContactStepper(*of)
+            of = self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance
+            return ImpulseStepper(*of, self.contacts) if run.by_impulses else run.make_contacts(*of, self.contacts)
         whole = run.make_stepper(self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance)
         if run.scheme.adaptive or run.largest_drift is None:
             return whole

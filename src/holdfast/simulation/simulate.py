@@ -39,6 +39,7 @@ from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.mechanism_run import attached_later, mechanism_run, require_openable
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
+from holdfast.simulation.rollout.contact_stages import contact_stepper_for
 from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
 from holdfast.simulation.run_record import EVERYTHING, Listeners, record_settings, require_memory
 from holdfast.simulation.runge_kutta import scheme as scheme_named
@@ -213,7 +214,7 @@ def simulate(
     if forest:
         require_openable(chain, policy)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
-    settings = replace(settings, by_impulses=contacts == IMPULSES_WAY)
+    settings = replace(settings, by_impulses=contacts == IMPULSES_WAY, make_contacts=contact_stepper_for)
 
     verified = EVALUATIONS if joint_limits(chain).limited.any() else 1
     calls = 0 if forest or chain.touching is not None else len(ends.times) * (1 if hold else len(named.c) * verified)

@@ -22,8 +22,9 @@ from holdfast.dynamics.closed.sequential import rest_response
 from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.dynamics.contact.touch import impulse_response
-from holdfast.dynamics.projection import displaced_by, quickened
+from holdfast.dynamics.projection import Change, displaced_by, quickened
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.world.touching import Touching
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -77,7 +78,42 @@ class Touch(Frozen):
     slip_speed: Array
 
 
-def touch_at(chain: ClosedChain, state: State, acceleration: Array, held: Array | None, modes: ContactModes) -> Touch:
+@dataclass(frozen=True, eq=False)
+class RestResponses:
+    """How a chain at rest gives way to a push on its object.
+
+    Attributes:
+        chain: the chain.
+        held: rows of the grasps to impose, see `held_rows`.
+    """
+
+    chain: ClosedChain
+    held: Array | None = None
+
+    def rows(self, touching: Touching, state: State) -> ContactRows:
+        """Return the contacts' rows."""
+        return contact_rows(touching, state.object_frame, state.object_twist)
+
+    def mobility(self, state: State, positions: bool = False) -> Array:
+        """Return the object's mobility (6, 6); for `positions` with the rows of the grasps that those impose."""
+        return rest_response(self._motion(state, positions)).mobility
+
+    def change(self, state: State, push: Array, positions: bool = False) -> Change:
+        """Return the change of the velocities by an impulse (6,) on the object."""
+        return impulse_response(self._motion(state, positions), state, push)[0]
+
+    def _motion(self, state: State, positions: bool) -> ChainMotion:
+        return holding(chain_at_rest(self.chain, state), self.held, positions=positions)
+
+
+def touch_at(
+    chain: ClosedChain,
+    state: State,
+    acceleration: Array,
+    held: Array | None,
+    modes: ContactModes,
+    responses: RestResponses | None = None,
+) -> Touch:
     """Return the forces of contacts in given modes. O(n) + O(l) + O(k).
 
     Args:
@@ -86,14 +122,16 @@ def touch_at(chain: ClosedChain, state: State, acceleration: Array, held: Array 
         acceleration: (6,) of the object without contact forces.
         held: rows of the grasps to impose, see `held_rows`.
         modes: the modes, with slip directions at the step's start.
+        responses: the chain's responses at rest; by default those of the reference.
     """
     assert chain.touching is not None
-    rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
+    at_rest = responses or RestResponses(chain, held)
+    rows = at_rest.rows(chain.touching, state)
     u, force = rows.velocity(state.object_twist), np.zeros((len(rows.gap), 3))
     directions, slip, speed = _slip(rows, u, modes)
     of, axis = modes.imposed()
     if len(of):
-        P = rest_response(holding(chain_at_rest(chain, state), held)).mobility
+        P = at_rest.mobility(state)
         A, gives = rows.C[of, axis], np.eye(3)[axis]
         slips = modes.mode[of] == ContactMode.SLIPS
         gives[slips, :2] = -rows.friction[of[slips], None] * directions[of[slips]]
@@ -122,7 +160,13 @@ def _slip(rows: ContactRows, u: Array, modes: ContactModes) -> tuple[Array, Arra
 
 
 def on_contacts(
-    chain: ClosedChain, state: State, modes: ContactModes, held: Array | None = None, *, velocities: bool = True
+    chain: ClosedChain,
+    state: State,
+    modes: ContactModes,
+    held: Array | None = None,
+    *,
+    velocities: bool = True,
+    responses: RestResponses | None = None,
 ) -> State:
     """Return a state that satisfies the grasps, moved by the least displacement that closes the closed contacts.
 
@@ -136,27 +180,26 @@ def on_contacts(
         modes: the modes.
         held: rows of the grasps to impose, see `held_rows`.
         velocities: whether velocities are changed, too.
+        responses: the chain's responses at rest; by default those of the reference.
     """
-    touching, closed = chain.touching, modes.closed
+    touching, closed, at_rest = chain.touching, modes.closed, responses or RestResponses(chain, held)
     assert touching is not None
     if not len(closed):
         return state
     for _ in range(ROUNDS):
-        rows = contact_rows(touching, state.object_frame, state.object_twist)
+        rows = at_rest.rows(touching, state)
         if not np.abs(rows.gap[closed]).max() > SETTLED_GAP:
             break
-        motion = holding(chain_at_rest(chain, state), held, positions=True)
-        push = _removing(motion, rows.C[closed, 2], rows.gap[closed])
-        state = displaced_by(state, impulse_response(motion, state, push)[0])
+        push = _removing(at_rest.mobility(state, True), rows.C[closed, 2], rows.gap[closed])
+        state = displaced_by(state, at_rest.change(state, push, True))
     if not velocities:
         return state
-    rows = contact_rows(touching, state.object_frame, state.object_twist)
+    rows = at_rest.rows(touching, state)
     of, axis = modes.imposed()
-    motion = holding(chain_at_rest(chain, state), held)
-    push = _removing(motion, rows.C[of, axis], rows.velocity(state.object_twist)[of, axis])
-    return quickened(state, impulse_response(motion, state, push)[0])
+    push = _removing(at_rest.mobility(state), rows.C[of, axis], rows.velocity(state.object_twist)[of, axis])
+    return quickened(state, at_rest.change(state, push))
 
 
-def _removing(motion: ChainMotion, A: Array, gap: Array) -> Array:
+def _removing(mobility: Array, A: Array, gap: Array) -> Array:
     """Return the impulse A^T x on the object that changes A V by -gap, (6,)."""
-    return A.T @ np.linalg.lstsq(A @ rest_response(motion).mobility @ A.T, -gap, rcond=DEPENDENT)[0]
+    return A.T @ np.linalg.lstsq(A @ mobility @ A.T, -gap, rcond=DEPENDENT)[0]
