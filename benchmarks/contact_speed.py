@@ -1,10 +1,13 @@
-"""Time of the contact solver as machine code, in units of F, the bound forward dynamics of two 7-joint arms.
+"""Time of contacts as machine code, in units of F, the bound forward dynamics of two 7-joint arms.
 
     python -m benchmarks.contact_speed [--contacts 4]
 
 cold    the path, then Newton's steps: 15 + 4
 warm    two of Newton's steps from the last forces
 batch   cold, for each of 512 systems in one call
+
+Then the same of forward dynamics of two Pandas whose box stands on a table, with at most four contacts (its corners);
+warm are three of Newton's steps.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from tests.compiler.programs import ArrayKernel
@@ -24,6 +28,7 @@ from holdfast.compiler.schedule import External
 from holdfast.dynamics.contact.contact_forces import RESOLVED, cold_forces, contact_problem, found_forces
 from holdfast.dynamics.contact.proximal_newton import polished
 from holdfast.spatial.scalar import Array
+from holdfast.world import HalfSpace, Touching, corners
 
 BATCH = 512
 WARM = (1e-3, 1e-4)
@@ -104,6 +109,32 @@ def main() -> None:
             each = time_of(lambda: kernel(*stacked), 20) / BATCH  # noqa: B023
             left = int((kernel(*stacked)[2] > RESOLVED).sum())
             print(f"batch: {1e6 * each:.2f} us a system = {each / F:.1f} F; {left} of {BATCH} left")
+    of_chains(min(k, 4), F)
+
+
+def of_chains(k: int, F: float) -> None:
+    """Print the times of forward dynamics with contacts."""
+    chain, state = two_pandas()[:2]
+    below = [x for name, x in corners(0.3, 0.2, 0.2).items() if name[2] == "-"]
+    lowest = min((state.object_frame.R @ x + state.object_frame.p)[2] for x in below)
+    points = {f"corner {i}": x for i, x in enumerate(below[:k])}
+    touching = Touching(points, {"table": HalfSpace(offset=lowest, friction=0.5)})
+    tau = hf.holding_torques(replace(chain, held_object=hf.HeldObject.box(2.0, 0.3, 0.2, 0.2)), state)
+    chain = replace(chain, touching=touching)
+    given = [state.q, state.qd, tau, state.object_pose, state.object_twist]
+    cold, warm = hf.compile(chain), hf.compile(chain, parameters=["touch_start"])
+    start = {"touch_start": cold.forward_dynamics(*given).touch_force}
+    for name, compiled, further in (("cold", cold, {}), ("warm", warm, start)):
+        bound = compiled.bind(**further)
+        for array, x in zip(("q", "qd", "tau", "object_pose", "object_twist"), given, strict=True):
+            bound.arrays[array][...] = x
+        spent = time_of(bound.run)
+        count = compiled.operation_count
+        print(f"forward dynamics, {k} contacts, {name}: {count} operations, {1e6 * spent:.1f} us = {spent / F:.1f} F")
+    many = [np.repeat(x[None], BATCH, axis=0) for x in given]
+    out = cold.forward_dynamics(*many)
+    each = time_of(lambda: cold.forward_dynamics(*many, out=out), 20) / BATCH
+    print(f"forward dynamics, {k} contacts, batch: {1e6 * each:.2f} us a state = {each / F:.1f} F")
 
 
 def start_of(one: Drawn) -> Array:

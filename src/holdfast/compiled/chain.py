@@ -30,8 +30,9 @@ from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import Forest
-from holdfast.model.serial_chain import answered_as_forest, require_unused, without_contacts
+from holdfast.model.serial_chain import answered_as_forest, require_unused, with_arms
 from holdfast.names import called, unknown_attribute
+from holdfast.questions.arrays import TOUCH_START
 from holdfast.questions.question import QUESTIONS
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ def compile(
         _ = compiled.function.calls
         return compiled  # pyright: ignore[reportReturnType]
     checks.instance(chain, ClosedChain, "compile: chain")
-    without_contacts(chain, "compile", arms=True)
+    with_arms(chain, "compile")
     require_rank(generic_rank, chain, "compile")
     checks.instance(method, str, "compile: method", MethodNotApplicable)
     if dtype != "float64":
@@ -125,7 +126,9 @@ def compile(
         )
     route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
     further = dict.fromkeys(name for question in QUESTIONS.values() for name in question.optional)
-    options = optional_parameters(parameters, "compile", route, (*OPTIONAL, *further))
+    options = optional_parameters(
+        parameters, "compile", route, (*OPTIONAL, *further, *([TOUCH_START] if chain.touching is not None else []))
+    )
     require_iterations(iterations)
     made = CompiledChain(chain, replace(options, iterations=iterations), generic_rank, progress)
     _ = made.forward_dynamics.calls
@@ -254,7 +257,7 @@ REASONS = {
     "linearise": _SINGULAR_VALUES,
     "regressor": "it is of the model's parameters, which machine code has as constants",
     "dynamics.inertial_parameters": "it is of a body, not of a chain",
-    "touch": "contacts with the world are not built in machine code of chains",
+    "touch": "it collides again for as many rounds as it takes; `forward_dynamics` has the forces of contacts at rest",
     "holding_torques": "it is a control law, made by `control.compile_law(control.holding_law(chain), chain)`",
 }
 _PATHS = {path.rpartition(".")[2]: path for path in REASONS}

@@ -36,6 +36,7 @@ from holdfast.compiled.traced_chain import Given, traced, traced_chain
 from holdfast.dynamics.forward import FORWARD_DYNAMICS
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import without_contacts
 from holdfast.questions.arrays import ARRAYS, LINKS, Shape
 from holdfast.questions.derivatives import require_names
 from holdfast.questions.linearised_function import LinearisedFunction, linearised_function
@@ -190,6 +191,8 @@ def request_of(
 
 def computation_of(question: Question, request: Request | None, chain: ClosedChain, options: Options) -> Computation:
     """Return the computation of a question, or of derivatives of it."""
+    if "world" in question.depends_on and (request is not None or question is not FORWARD_DYNAMICS):
+        without_contacts(chain, question.name if request is None else request.name)
     if request is not None:
         return request.computation(chain, options)
     made = forward_computation if question is FORWARD_DYNAMICS else partial(computation, question)

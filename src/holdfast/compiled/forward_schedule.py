@@ -13,14 +13,19 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_m
 from holdfast.dynamics.closed.chain_solution import ChainSolution, chain_solution
 from holdfast.dynamics.closed.forward_derivatives import known_beforehand
 from holdfast.dynamics.closed.held_rows import holding
-from holdfast.dynamics.closed.sequential import sequential
+from holdfast.dynamics.closed.sequential import sequential, tips_of
 from holdfast.dynamics.closed.tip_response import Route
+from holdfast.dynamics.contact.pressing import Pressing, pressing
+from holdfast.dynamics.contact.touching_chain import mobility_found, pushed, with_push
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.world.touching import Touching
 from holdfast.questions.arrays import (
     BASE_MOTION,
     FLOATING,
     RESULTS,
     STATE_AND_TORQUES,
+    TOUCH_RESULTS,
+    TOUCH_START,
     TRUNK_BASE_MOTION,
     Shape,
     link_parameters,
@@ -47,7 +52,7 @@ def forward_computation(chain: ClosedChain, options: Options) -> Computation:
         forward_externals(structure),
         lambda: forward_schedule(structure),
         STATE_AND_TORQUES,
-        FLOATING if chain.floats else (),
+        _by_name(structure),
     )
 
 
@@ -55,7 +60,7 @@ def forward_externals(structure: Structure) -> dict[str, External]:
     """Return the arrays of compiled forward dynamics: inputs, parameters, results."""
     chain, options = structure.chain, structure.options
     # The inputs of a call without parameters come first, because the builtin fills in the first addresses.
-    inputs = ["q", "qd", "tau", "object_pose", "object_twist", *(FLOATING if chain.floats else ()), "object_wrench"]
+    inputs = [*STATE_AND_TORQUES, *_by_name(structure), "object_wrench"]
     parameters = ["gravity", "generic_rank", "object_mass", "object_com", "object_inertia"]
     moving = [*BASE_MOTION, *(TRUNK_BASE_MOTION if chain.trunk is not None and not chain.floats else ())]
     # The positions of the bases matter only with a trunk, with springs, or with sliding grasps.
@@ -68,7 +73,15 @@ def forward_externals(structure: Structure) -> dict[str, External]:
         parameters += link_parameters(chain)
     of_status: dict[str, Shape] = {"generic_rank": (), "rank": (), "status": (), "condition": ()}
     outputs = (*guarded_outputs(chain), "rank", "status", "condition")
+    if chain.touching is not None:
+        outputs = (*outputs, *TOUCH_RESULTS)
     return externals(inputs, parameters, outputs, shapes(chain) | of_status)
+
+
+def _by_name(structure: Structure) -> tuple[str, ...]:
+    """Return the names of the inputs that a call gives by name: of a floating base, and forces to begin with."""
+    further = structure.options.further
+    return *(FLOATING if structure.chain.floats else ()), *(name for name in further if name == TOUCH_START)
 
 
 def forward_schedule(structure: Structure) -> Schedule:
@@ -80,10 +93,39 @@ def forward_schedule(structure: Structure) -> Schedule:
 
 def forward(structure: Structure, given: Given) -> dict[str, Any]:
     """Return the outputs of forward dynamics by running the reference's functions on traced arrays."""
-    chain = traced_chain(structure, given)
+    chain, touching = traced_chain(structure, given), structure.chain.touching
     state, inputs = traced_state(chain, given), traced_inputs(chain, given)
-    found = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], structure.options.route)
-    return outputs_of(chain, found)
+    route = structure.options.route
+    found = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], route)
+    if touching is None:
+        return outputs_of(chain, found)
+    found, of_world = touched(found, touching, state, route, given.get(TOUCH_START))
+    return outputs_of(chain, found) | {name: getattr(of_world, name) for name in TOUCH_RESULTS}
+
+
+def touched(
+    free: SolutionWithStatus, touching: Touching, state: State, route: Route, start: Array | None
+) -> tuple[SolutionWithStatus, Pressing]:
+    """Return the solution with the forces of the world on the object, and these.
+
+    The status is 4 where there are none that satisfy the laws of contact.
+
+    Args:
+        free: the solution without them.
+        touching: the points and shapes.
+        state: positions and velocities.
+        route: how the inverse inertia at each arm's tip is computed.
+        start: (k, 3) forces of a similar problem; see `pressing`.
+    """
+    motion = free.motion
+    tips = tips_of(motion, route)
+    found = pressing(touching, state, mobility_found(motion, free.found, tips), free.whole.object_acceleration, start)
+    loaded = pushed(motion, state, found.wrench)
+    solution = with_push(loaded, free.found, tips, found.wrench)
+    lawful = where(found.touch_status + found.approaches > 0.0, 0.0, 1.0) > 0.0
+    status = where(lawful, free.status, where(free.status > 0.0, free.status, 4.0))
+    whole = chain_solution(loaded, solution, route)
+    return free._replace(whole=whole, status=status, motion=loaded, found=solution), found
 
 
 def outputs_of(chain: ClosedChain, found: SolutionWithStatus) -> dict[str, Any]:

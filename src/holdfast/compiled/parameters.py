@@ -19,6 +19,7 @@ from holdfast.questions.arrays import (
     INTERNAL,
     MOVING,
     POSE_ARRAYS,
+    TOUCH_START,
     Shape,
     shapes,
     value_of,
@@ -28,7 +29,7 @@ from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
 
 WRENCHES = ("link_wrench", "trunk_link_wrench")
-_INPUTS = ("object_wrench", *WRENCHES, *FLOATING)  # inputs that users pass like parameters
+_INPUTS = ("object_wrench", *WRENCHES, *FLOATING, TOUCH_START)  # inputs that users pass like parameters
 
 
 def rank_number(generic_rank: int | None) -> Array:
@@ -39,7 +40,10 @@ def rank_number(generic_rank: int | None) -> Array:
 def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Array]:
     """Return the chain's own parameters by name, with zeros for external wrenches and base motion."""
     known = shapes(chain)
-    zero = {name: np.zeros(known[name]) for name in ("about", "object_wrench", *WRENCHES, "floating_twist", *MOVING)}
+    zero = {
+        name: np.zeros(known[name])
+        for name in ("about", "object_wrench", *WRENCHES, "floating_twist", *MOVING, TOUCH_START)
+    }
     own = {name: value_of(name, chain) for name, row in ARRAYS.items() if row.value is not None}
     return zero | own | {"generic_rank": rank_number(generic_rank), "floating_pose": np.eye(7)[0]}
 
@@ -53,6 +57,8 @@ def require_inputs(names: Iterable[str], given: Collection[str]) -> None:
     for name in names:
         if name not in given and name.startswith("object"):
             raise StateError(f"{name}: expected it, as springs between bodies or bushings depend on it, got none")
+        if name not in given and name == TOUCH_START:
+            raise StateError(f"{name}: expected the touch_force of a similar instant, for which this was compiled")
         if name not in given:
             raise StateError(f"{name}: expected that of the trunk's floating base, got none; its state is an input")
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from holdfast.compiler.kernel import address_of, aligned
 from holdfast.compiler.schedule import External
+from holdfast.dynamics.contact.pressing import STATUSES
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import unknown_attribute
@@ -21,6 +22,7 @@ OK, INDETERMINATE, UNDECIDED, SINGULAR, INVALID = range(5)
 _STATUSES = np.array(
     [Status.OK, Status.INDETERMINATE_FORCES, Status.INDETERMINATE_FORCES, Status.SINGULAR, Status.INVALID]
 )
+_TOUCH_STATUSES = np.array([*STATUSES])
 
 
 _LINE = 8  # a cache line [doubles]
@@ -140,12 +142,40 @@ class CompiledResult(SolvedResults, ForwardResult):  # pyright: ignore[reportInc
     @property
     def base_acceleration(self) -> Array | None:  # type: ignore[override]
         """(6,) acceleration of a floating base without the gravity offset; None if there is no floating base."""
-        return self._of_trunk("floating_acceleration")
+        return self._if_any("floating_acceleration")
 
     @property
     def trunk_base_wrench(self) -> Array | None:  # type: ignore[override]
         """(6,) wrench of the base on the trunk about the base origin; None without a trunk."""
-        return self._of_trunk("trunk_base_wrench")
+        return self._if_any("trunk_base_wrench")
 
-    def _of_trunk(self, name: str) -> Array | None:
+    @property
+    def touch_force(self) -> Any:  # type: ignore[override]
+        """(k, 3) force of the world on the object at every candidate, world axes; None without `touching`."""
+        return self._if_any("touch_force")
+
+    @property
+    def touch_gap(self) -> Any:  # type: ignore[override]
+        """(k,) distances; None without `touching`."""
+        return self._if_any("touch_gap")
+
+    @property
+    def touch_mode(self) -> Any:  # type: ignore[override]
+        """(k,) numbers of `ContactMode`; None without `touching`."""
+        found = self._if_any("touch_mode")
+        return None if found is None else found.astype(np.int64)
+
+    @property
+    def touch_status(self) -> Any:  # type: ignore[override]
+        """OK or UNRESOLVED (for a batch, an array), as uniqueness is not decided; None without `touching`."""
+        found = self._if_any("touch_status")
+        return None if found is None else _TOUCH_STATUSES[found.astype(np.intp)]
+
+    @property
+    def touch_residual(self) -> Any:  # type: ignore[override]
+        """Violation of the laws of contact, relative to the accelerations; None without `touching`."""
+        found = self._if_any("touch_residual")
+        return found if found is None or self.batch is not None else float(found)
+
+    def _if_any(self, name: str) -> Array | None:
         return self.array(name) if name in self.layout.shapes else None

@@ -13,9 +13,12 @@ from holdfast.compiled.derivative_schedule import FOUND
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, Results
 from holdfast.dynamics import rank
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
-from holdfast.errors import ModelError, StateError
+from holdfast.dynamics.contact.rows import contact_rows
+from holdfast.dynamics.contact.solved_contacts import ContactStatus
+from holdfast.dynamics.contact.touching_chain import require_no_approach
+from holdfast.errors import ContactError, ModelError, StateError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.questions.arrays import results_of, state_fields
+from holdfast.questions.arrays import TOUCH_START, results_of, state_fields
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -115,7 +118,32 @@ def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: 
         if compiled.generic_rank is not None and result.array("rank") > compiled.generic_rank:
             chain, state = system(compiled.chain, found, 0)
             rank.require_trusted(chain_at_rest(chain, state), state, rank.Pivots(int(result.array("rank")), np.inf))
-        raise input_error(found, largest_positions(compiled.chain)) or ModelError(
+        if wrong := input_error(found, largest_positions(compiled.chain)):
+            raise wrong
+        _require_contacts(compiled, found, result)
+        raise ModelError(
             "the accelerations are not finite: an arm's mass matrix is singular here, or sizes overflow; holdfast."
             "forward_dynamics on the same state names the arm and the joint"
+        )
+
+
+def _require_contacts(compiled: CompiledChain, found: Mapping[str, Array], result: Results) -> None:
+    """Raise the error of contacts with the world without forces, if that is why one system has no solution.
+
+    Raises:
+        StateError: A closed contact approaches.
+        ContactError: No forces were found that satisfy the laws of contact.
+    """
+    if compiled.chain.touching is None or not np.isfinite(result.array("touch_gap")).all():
+        return
+    _, state = system(compiled.chain, found, 0)
+    rows = contact_rows(compiled.chain.touching, state.object_frame, state.object_twist)
+    require_no_approach(compiled.chain.touching, rows, state.object_twist)
+    if result.array("touch_status") > 0.0:
+        residual = float(result.array("touch_residual"))
+        raise ContactError(
+            f"contacts: the fixed number of steps found no forces that satisfy Coulomb's law to 1e-9 of the"
+            f" accelerations: the best ones violate it by {residual:.1e}; holdfast.forward_dynamics tries slower ways"
+            + (", and a call without touch_start tries more steps" if TOUCH_START in found else ""),
+            ContactStatus.UNRESOLVED.name,
         )

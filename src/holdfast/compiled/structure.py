@@ -146,6 +146,8 @@ class Structure:
         order = [names.index(self.type_of[name]) for name in self.chain.names]
         trunk = [] if self.chain.trunk is None else [*_of_trunk(self.chain, self.options.link_inertia)]
         elements = [f"{type(one).__qualname__} {fingerprint(one)}".encode() for one in self.chain.springs]
+        touching = self.chain.touching
+        elements += [] if touching is None else [code_key(touching).encode()]
         return digest_of([repr((names, order, self.options)).encode(), *trunk, *elements])
 
     @cached_property

@@ -212,7 +212,7 @@ FORWARD_DYNAMICS = declare(
         arguments=(*ARGUMENTS, *TRUNK_LINKS, "trunk_link_wrench", *FLOATING, *TRUNK_BASE_MOTION),
         by=STATE_AND_TORQUES,
         of=("qdd", "grasp_wrench"),
-        depends_on=("grasps", "links", "forces", "bushings"),
+        depends_on=("grasps", "links", "forces", "bushings", "world"),
         returns="CompiledResult",
     )
 )

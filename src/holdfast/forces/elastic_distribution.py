@@ -379,7 +379,7 @@ DISTRIBUTE = declare(
         ),
         by=(*STATE, "acceleration"),
         of=("tau", "qdd", "grasp_wrench", "object_acceleration", "violation"),
-        depends_on=("grasps", "links", "forces", "bushings", "limits"),
+        depends_on=("grasps", "links", "forces", "bushings", "limits", "world"),
         differentiable=require_barrier,
         returns="ElasticDistribution",
         shown=lambda chain: lambda found: ElasticDistribution(**found),

@@ -37,13 +37,12 @@ def serial_chain(value: Any, what: str) -> None:
         )
 
 
-def without_contacts(chain: Any, what: str, arms: bool = False) -> None:
+def without_contacts(chain: Any, what: str) -> None:
     """Refuse a chain whose object may touch the world, where contacts are not part of the answer.
 
     Args:
         chain: the chain.
         what: names the question, for the message.
-        arms: whether a chain without arms is refused, too.
 
     Raises:
         MethodNotApplicable: it has `touching`; the message says what answers such chains.
@@ -53,7 +52,15 @@ def without_contacts(chain: Any, what: str, arms: bool = False) -> None:
             f"{what}: expected a chain without touching, since contacts with the world are not built there; they are"
             " part of forward_dynamics, touch and simulate. Try dataclasses.replace(chain, touching=None)"
         )
-    if arms and not getattr(chain, "arms", True):
+
+
+def with_arms(chain: Any, what: str) -> None:
+    """Refuse a chain without arms, of which there is no machine code.
+
+    Raises:
+        MethodNotApplicable: it has none.
+    """
+    if not getattr(chain, "arms", True):
         raise MethodNotApplicable(f"{what}: expected at least one arm; a free object is answered without machine code")
 
 

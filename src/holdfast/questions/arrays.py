@@ -263,6 +263,14 @@ _ROWS = (
     Row("rank", (), "", "number of independent rows of the grasp constraint"),
     Row("status", (), "", "status, as returned"),
     Row("condition", (), "", "condition of the grasp constraint"),
+    Row("touch_force", ("touches", 3), "N", "force of the world on the object at every candidate of `touching`, world"
+        " axes"),
+    Row("touch_gap", ("touches",), "m", "distances between the candidates and their shapes"),
+    Row("touch_mode", ("touches",), "", "numbers of `ContactMode`: open, sticks, slips, closed"),
+    Row("touch_status", (), "", "whether the laws of contact are satisfied"),
+    Row("touch_residual", (), "", "violation of the laws of contact, relative to the accelerations"),
+    Row("touch_start", ("touches", 3), "N", "forces of the world from which those of a similar instant are looked for,"
+        " world axes", "input"),
     Row("bushing_wrench", ("arms", 6), "N m, N", "wrench that each bushing exerts on the object about the contact"
         " point, world axes"),
     Row("largest_wrench", (), "", "largest number among the wrenches on the trunk, by which what its base needs is"
@@ -324,6 +332,8 @@ BODY_POSES = ("object_pose", "grasp_pose", "base_pose")
 POSES = (*BODY_POSES, "floating_pose")
 ARGUMENTS = (*OF_JOINTS, "object_twist", *OF_OBJECT, *BODY_POSES, "gravity", *BASE_MOTION, *OF_LINKS)
 RESULTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
+TOUCH_RESULTS = ("touch_force", "touch_gap", "touch_mode", "touch_status", "touch_residual")
+TOUCH_START = "touch_start"  # an input on request
 FLOATING_RESULT, BASE_RESULT = "floating_acceleration", "trunk_base_wrench"
 
 

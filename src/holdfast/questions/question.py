@@ -27,7 +27,7 @@ from holdfast.questions.arrays import (
 from holdfast.questions.case import VariedCase
 from holdfast.spatial.scalar import Array
 
-Dependence = Literal["grasps", "links", "forces", "bushings", "limits"]
+Dependence = Literal["grasps", "links", "forces", "bushings", "limits", "world"]
 Found = Mapping[str, Array]
 Show = Callable[[Found], Any]  # the results of one system or a batch -> what a user gets
 
@@ -77,7 +77,7 @@ class Question:
         of: the results whose Jacobian is returned unless others are requested; all if there are none here.
         depends_on: what else decides which machine code it needs: the kinds of the "grasps" and which "limits" they
             have, the inertias of the "links", "forces" that act on links and between bodies, the forces or the energy
-            of "bushings".
+            of "bushings", contacts with the "world".
         unlimited: whether a result may be infinite, as a margin without a limit is.
         parts: the parts of a result of a chain, in order; None if it has none. Those of arms in the world depend on
             nothing of other arms.

@@ -44,6 +44,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 MakeStepper = Callable[[Environment, Controller, int, Tableau, Tolerance], Stepper]
+MakeContactStepper = Callable[[Environment, Controller, int, Tableau, Tolerance, ContactModes], Stepper]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,7 @@ class RunSettings:
         recording: what is recorded.
         by_impulses: whether contacts with the world are followed by steps with impulses instead of events.
         make_segment: makes the segments, `Segment` or a class derived from it.
+        make_contacts: as `make_stepper`, of contacts in fixed modes besides.
     """
 
     environment: Environment
@@ -79,6 +81,7 @@ class RunSettings:
     recording: RecordSettings
     by_impulses: bool = False
     make_segment: Callable[..., Segment] = field(default_factory=lambda: Segment)
+    make_contacts: MakeContactStepper = ContactStepper
 
     @property
     def end(self) -> float:
@@ -134,8 +137,8 @@ class Segment:
         """The stepper of this segment; it subdivides steps of fixed length if `largest_drift` is given."""
         run = self.settings
         if self.contacts is not None:
-            of = self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance, self.contacts
-            return ImpulseStepper(*of) if run.by_impulses else ContactStepper(*of)
+            of = self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance
+            return ImpulseStepper(*of, self.contacts) if run.by_impulses else run.make_contacts(*of, self.contacts)
         whole = run.make_stepper(self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance)
         if run.scheme.adaptive or run.largest_drift is None:
             return whole

@@ -42,6 +42,7 @@ from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.mechanism_segment import MechanismSegment, attached_later, require_openable
 from holdfast.simulation.mechanism_stepper import MechanismSteppers
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
+from holdfast.simulation.rollout.contact_stages import contact_stepper_for
 from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
 from holdfast.simulation.run_record import EVERYTHING, Listeners, record_settings, require_memory
 from holdfast.simulation.runge_kutta import scheme as scheme_named
@@ -219,7 +220,7 @@ def simulate(
     if forest:
         require_openable(chain, policy)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
-    settings = replace(settings, by_impulses=contacts == IMPULSES_WAY)
+    settings = replace(settings, by_impulses=contacts == IMPULSES_WAY, make_contacts=contact_stepper_for)
     settings = replace(settings, make_segment=MechanismSegment) if forest else settings
 
     verified = EVALUATIONS if joint_limits(chain).limited.any() else 1

@@ -7,7 +7,7 @@ chain's forest, in which every arm is a leaf (`tree.of_chain`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.contact import Contact
@@ -20,7 +20,12 @@ from holdfast.spatial.scalar import Array, each
 Second = Callable[[list[TipResponse]], tuple[list[Array], Array]]
 
 
-def sequential(motion: ChainMotion, route: Route = "auto", second: Second | None = None) -> Solution:
+def sequential(
+    motion: ChainMotion,
+    route: Route = "auto",
+    second: Second | None = None,
+    tips: Mapping[str, TipResponse] | None = None,
+) -> Solution:
     """Return the closed-chain accelerations, by tip responses, the elimination of the object, and back-substitution.
 
     Args:
@@ -28,8 +33,9 @@ def sequential(motion: ChainMotion, route: Route = "auto", second: Second | None
         route: method for the tip responses, see `tip_response`.
         second: function of the tip responses that returns a second right-hand side, see `chain_elimination`. It is not
             called with a trunk, nor for a choice of rows.
+        tips: the tip responses as `tips_of` returns them, if they are known.
     """
-    chain, tips = motion.chain, tips_of(motion, route)
+    chain, tips = motion.chain, tips_of(motion, route) if tips is None else tips
     held, holding = None, [tips[name] for name in chain.grasps]
 
     def solve(

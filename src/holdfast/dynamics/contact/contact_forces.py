@@ -68,12 +68,13 @@ def cold_forces(problem: ContactProblem) -> tuple[list[Array], Scalar]:
     return polished(problem.contacts, path_forces(problem.contacts, FAST, problem.compliant))
 
 
-def found_forces(problem: ContactProblem, forces: list[Array]) -> FoundForces:
+def found_forces(problem: ContactProblem, forces: list[Array], residual: Scalar = None) -> FoundForces:
     """Return the motion with forces in axes [n, t1, t2].
 
     Args:
         problem: the problem.
         forces: (3,) of every contact; of a contact that slides already, the normal force.
+        residual: their violation of the laws, if it is known.
     """
     z, contacts = unknown(problem.contacts, forces), problem.contacts
     size = largest(size_of(c) for c in contacts)
@@ -96,5 +97,5 @@ def found_forces(problem: ContactProblem, forces: list[Array]) -> FoundForces:
         problem.L @ z,
         array([u for _, u, _ in parts]),
         array([mode for *_, mode in parts]),
-        violation(contacts, forces),
+        violation(contacts, forces) if residual is None else residual,
     )

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import chain_at_rest
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.contact.rows import ContactRows
 from holdfast.dynamics.contact.sliding_hands import (
@@ -28,7 +28,7 @@ from holdfast.dynamics.contact.sliding_hands import (
     touching_rows,
 )
 from holdfast.dynamics.contact.solved_contacts import ContactMode
-from holdfast.dynamics.projection import displaced_by, quickened
+from holdfast.dynamics.projection import Change, displaced_by, quickened
 from holdfast.dynamics.result import ForwardResult
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
@@ -89,6 +89,36 @@ class Touch(Frozen):
     slip_speed: Array
 
 
+@dataclass(frozen=True, eq=False)
+class RestResponses:
+    """How a chain at rest gives way to pushes on its object and on the tips of sliding hands.
+
+    Attributes:
+        chain: the chain, without the grasps of hands that slide.
+        held: rows of the grasps to impose, see `held_rows`.
+        hands: hands that slide.
+    """
+
+    chain: ClosedChain
+    held: Array | None = None
+    hands: tuple[Hand, ...] = ()
+
+    def rows(self, state: State) -> ContactRows:
+        """Return the contacts' rows."""
+        return touching_rows(self.chain, state, self.hands)
+
+    def mobility(self, state: State, positions: bool = False) -> Array:
+        """Return the mobility of object and tips; for `positions` with the rows of the grasps that those impose."""
+        return stacked_mobility(self._motion(state, positions), self.hands)
+
+    def change(self, state: State, push: Array, positions: bool = False) -> Change:
+        """Return the change of the velocities by impulses on object and tips."""
+        return stacked_response(self._motion(state, positions), state, self.hands, push).change
+
+    def _motion(self, state: State, positions: bool) -> ChainMotion:
+        return holding(chain_at_rest(self.chain, state), self.held, positions=positions)
+
+
 def touch_at(chain: ClosedChain, state: State, free: ForwardResult, modes: ContactModes) -> Touch:
     """Return the forces of contacts in given modes. O(n) + O(l) + O(k).
 
@@ -98,19 +128,24 @@ def touch_at(chain: ClosedChain, state: State, free: ForwardResult, modes: Conta
         free: forward dynamics without contact forces.
         modes: the modes, with slip directions at the step's start.
     """
-    hands = modes.hands
-    rows = touching_rows(chain, state, hands)
-    u = rows.velocity(stacked_twist(chain, state, hands))
+    acceleration = stacked_acceleration(chain, state, modes.hands, free)
+    return touch_with(RestResponses(chain, free.held, modes.hands), state, acceleration, modes)
+
+
+def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes: ContactModes) -> Touch:
+    """Return the forces of contacts in given modes from accelerations of object and tips without them."""
+    rows = at_rest.rows(state)
+    u = rows.velocity(stacked_twist(at_rest.chain, state, modes.hands))
     force = np.zeros(u.shape)
     directions, slip, speed = _slip(rows, u, modes)
     of, axis = modes.imposed()
     if len(of):
-        P = stacked_mobility(holding(chain_at_rest(chain, state), free.held), hands)
+        P = at_rest.mobility(state)
         A, gives = rows.C[of, axis], np.eye(u.shape[1])[axis]
         slips = modes.mode[of] == ContactMode.SLIPS
         gives[np.ix_(slips, tangents(u))] = -rows.friction[of[slips], None] * directions[of[slips]]
         D = np.einsum("mia,mi->ma", rows.C[of], gives)
-        b = A @ stacked_acceleration(chain, state, hands, free) + rows.drift[of, axis]
+        b = A @ acceleration + rows.drift[of, axis]
         x = np.linalg.lstsq(A @ P @ D.T, -b, rcond=DEPENDENT)[0]
         np.add.at(force, of, x[:, None] * gives)
     return Touch(rows, force, u, replace(modes, slip=slip), speed)
@@ -150,7 +185,13 @@ def slip_in_world(axes: Array, t: Array) -> Array:
 
 
 def on_contacts(
-    chain: ClosedChain, state: State, modes: ContactModes, held: Array | None = None, *, velocities: bool = True
+    chain: ClosedChain,
+    state: State,
+    modes: ContactModes,
+    held: Array | None = None,
+    *,
+    velocities: bool = True,
+    responses: RestResponses | None = None,
 ) -> State:
     """Return a state that satisfies the grasps, moved by the least displacement that closes the closed contacts.
 
@@ -164,25 +205,24 @@ def on_contacts(
         modes: the modes.
         held: rows of the grasps to impose, see `held_rows`.
         velocities: whether velocities are changed, too.
+        responses: the chain's responses at rest; by default those of the reference.
     """
-    closed, hands = modes.closed, modes.hands
+    closed, at_rest = modes.closed, responses or RestResponses(chain, held, modes.hands)
     if not len(closed):
         return state
     for _ in range(ROUNDS):
-        rows = touching_rows(chain, state, hands)
+        rows = at_rest.rows(state)
         if not np.abs(rows.gap[closed]).max() > SETTLED_GAP:
             break
-        motion = holding(chain_at_rest(chain, state), held, positions=True)
-        push = _removing(stacked_mobility(motion, hands), rows.C[closed, 2], rows.gap[closed])
-        state = displaced_by(state, stacked_response(motion, state, hands, push).change)
+        push = _removing(at_rest.mobility(state, True), rows.C[closed, 2], rows.gap[closed])
+        state = displaced_by(state, at_rest.change(state, push, True))
     if not velocities:
         return state
-    rows = touching_rows(chain, state, hands)
+    rows = at_rest.rows(state)
     of, axis = modes.imposed()
-    motion = holding(chain_at_rest(chain, state), held)
-    u = rows.velocity(stacked_twist(chain, state, hands))
-    push = _removing(stacked_mobility(motion, hands), rows.C[of, axis], u[of, axis])
-    return quickened(state, stacked_response(motion, state, hands, push).change)
+    u = rows.velocity(stacked_twist(chain, state, modes.hands))
+    push = _removing(at_rest.mobility(state), rows.C[of, axis], u[of, axis])
+    return quickened(state, at_rest.change(state, push))
 
 
 def _removing(P: Array, A: Array, gap: Array) -> Array:

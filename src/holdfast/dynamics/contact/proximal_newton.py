@@ -38,13 +38,23 @@ LENGTHS = (1.0, 0.5, 0.2, 0.05)  # of the steps that are tried
 
 
 def polished(
-    contacts: list[ReducedContact], held: list[Array], compliances: tuple[float, ...] = COMPLIANCES
+    contacts: list[ReducedContact],
+    held: list[Array],
+    compliances: tuple[float, ...] = COMPLIANCES,
+    lengths: tuple[float, ...] = LENGTHS,
 ) -> tuple[list[Array], Scalar]:
-    """Return the forces that violate the laws least, of all iterates from given ones, and their violation."""
+    """Return the forces that violate the laws least, of all iterates from given ones, and their violation.
+
+    Args:
+        contacts: the contacts.
+        held: the forces to begin with.
+        compliances: of every Newton step, relative to each contact's mobility.
+        lengths: of the steps that are tried.
+    """
 
     def refined(carry: tuple[list[Array], list[Array], Scalar], relative: float) -> tuple[Any, None]:
         held, best, least = carry
-        held = _newton_step(contacts, held, relative)
+        held = _newton_step(contacts, held, relative, lengths)
         now = violation(contacts, held)
         better = now < least
         return (held, _better(held, best, better), where(better, now, least)), None
@@ -54,7 +64,9 @@ def polished(
     return best, least
 
 
-def _newton_step(contacts: list[ReducedContact], held: list[Array], relative: float) -> list[Array]:
+def _newton_step(
+    contacts: list[ReducedContact], held: list[Array], relative: float, lengths: tuple[float, ...]
+) -> list[Array]:
     """Return the forces after one Newton step at a compliance, as long as leaves least of the equation."""
     stiffness = each(lambda c: reciprocal(c.gauge * relative + c.compliance), contacts)
 
@@ -75,8 +87,8 @@ def _newton_step(contacts: list[ReducedContact], held: list[Array], relative: fl
         left = there - unknown(contacts, forces)
         return forces, left @ left
 
-    best, least = tried(LENGTHS[0])
-    for length in LENGTHS[1:]:
+    best, least = tried(lengths[0])
+    for length in lengths[1:]:
         forces, off = tried(length)
         best, least = _better(forces, best, off < least), where(off < least, off, least)
     return best

@@ -7,6 +7,7 @@ friction of known direction; one at rest may start to move in any.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -14,14 +15,15 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, pseudo_gravity
 from holdfast.dynamics.closed.object_motion import object_motion
-from holdfast.dynamics.closed.sequential import tips_of
-from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.dynamics.closed.sequential import sequential, tips_of
+from holdfast.dynamics.closed.tip_response import TipResponse, responded
 from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.solve_contacts import solve_contacts
 from holdfast.dynamics.contact.solved_contacts import ContactSolution, ContactStatus
-from holdfast.dynamics.tree.of_chain import object_response
+from holdfast.dynamics.tree.of_chain import object_response, solved_again
 from holdfast.errors import ContactError, StateError
-from holdfast.spatial.scalar import Array
+from holdfast.model.world.touching import Touching
+from holdfast.spatial.scalar import Array, array, each
 from holdfast.state import State
 
 CLOSED = 1e-9  # m: a smaller gap is closed
@@ -85,14 +87,9 @@ def touching_forces(motion: ChainMotion, state: State, free: Solution) -> Touchi
     touching, twist = motion.chain.touching, state.object_twist
     assert touching is not None
     rows = contact_rows(touching, state.object_frame, twist)
-    u, least = rows.velocity(twist), LEAST_SLIP * max(1.0, float(np.abs(twist).max()))
+    require_no_approach(touching, rows, twist)
+    u, least = rows.velocity(twist), _least_slip(twist)
     closed = (rows.gap <= CLOSED) & (u[:, 2] <= least)
-    fastest = int(np.argmin(np.where(closed, u[:, 2], np.inf)))
-    if closed.any() and u[fastest, 2] < -least:
-        raise StateError(
-            f"contact '{touching.names[fastest]}' is closed and approaches with {-u[fastest, 2]:.3g} m/s, expected a"
-            " state at rest or sliding there; try holdfast.touch, which returns the state after the impact"
-        )
     speed = np.linalg.norm(u[closed, :2], axis=1)
     moves = speed > least
     slide = np.where(moves, u[closed, :2].T / np.where(moves, speed, 1.0), 0.0).T
@@ -102,6 +99,25 @@ def touching_forces(motion: ChainMotion, state: State, free: Solution) -> Touchi
     return TouchingForces(rows, closed, solve_contacts(P, rows.C[closed], b, rows.friction[closed], slide=slide), slide)
 
 
+def require_no_approach(touching: Touching, rows: ContactRows, twist: Array) -> None:
+    """Refuse closed contacts that approach.
+
+    Raises:
+        StateError: naming the fastest.
+    """
+    approach = np.where(rows.gap <= CLOSED, rows.velocity(twist)[:, 2], np.inf)
+    fastest = int(np.argmin(approach))
+    if approach[fastest] < -_least_slip(twist):
+        raise StateError(
+            f"contact '{touching.names[fastest]}' is closed and approaches with {-approach[fastest]:.3g} m/s, expected"
+            " a state at rest or sliding there; try holdfast.touch, which returns the state after the impact"
+        )
+
+
+def _least_slip(twist: Array) -> float:
+    return LEAST_SLIP * max(1.0, float(np.abs(twist).max()))
+
+
 def _mobility(motion: ChainMotion, free: Solution) -> Array:
     """Return the object's mobility, from the tip responses of a solution if it has those of all arms."""
     names = [*motion.chain.grasps, *motion.lone_on_trunk]
@@ -109,9 +125,40 @@ def _mobility(motion: ChainMotion, free: Solution) -> Array:
     return chain_mobility(motion, dict(zip(motion.chain.grasps, free.tips, strict=True)) if known else tips_of(motion))
 
 
-def chain_mobility(motion: ChainMotion, tips: dict[str, TipResponse]) -> Array:
+def chain_mobility(motion: ChainMotion, tips: Mapping[str, TipResponse]) -> Array:
     """Return the object's mobility in the chain, (6, 6), from the arms' tip responses; see `object_mobility`."""
     return np.array(object_response(motion.chain, motion.contacts, tips, motion.body.free, motion.trunk).mobility)
+
+
+def mobility_found(motion: ChainMotion, free: Solution, tips: Mapping[str, TipResponse]) -> Array:
+    """Return `chain_mobility` by the factors of a solution, six right-hand sides, if it has those of all bodies."""
+    if motion.trunk is not None or free.factors is None:
+        return chain_mobility(motion, tips)
+    still = [np.zeros(6)] * len(free.wrenches)
+    return array(each(lambda unit: solved_again(free.factors, still, unit)[1], list(np.eye(6))))
+
+
+def with_push(pushed_motion: ChainMotion, free: Solution, tips: Mapping[str, TipResponse], wrench: Array) -> Solution:
+    """Return a solution by `sequential` with one more wrench on the object. O(n) + O(l).
+
+    Args:
+        pushed_motion: the motion with it, see `pushed`.
+        free: the solution without it.
+        tips: the tip responses of all arms on which the solution depends.
+        wrench: (6,) about C, world axes.
+    """
+    if pushed_motion.trunk is not None or free.factors is None:
+        return sequential(pushed_motion, tips=tips)
+    more, alpha = solved_again(free.factors, [np.zeros(6)] * len(free.wrenches), wrench)
+    wrenches = each(lambda f, own: f + own, free.wrenches, more)
+    responses = each(responded, free.tips, wrenches, [None] * len(wrenches))
+    return replace(
+        free,
+        qdd=[qdd for qdd, _ in responses],
+        wrenches=wrenches,
+        object_acceleration=free.object_acceleration + alpha,
+        base_wrenches=[base for _, base in responses],
+    )
 
 
 def pushed(motion: ChainMotion, state: State, wrench: Array) -> ChainMotion:

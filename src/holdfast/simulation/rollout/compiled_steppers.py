@@ -127,8 +127,7 @@ class StagewiseStepper:
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""
         systems = systems_at(self.kernel, arrays)
-        stages = [self._stage_inputs(time, state_of(systems, row)) for row, time in enumerate(t.tolist())]
-        inputs, parameters = self._given(stages, held=True)
+        inputs, parameters = self._given(self._stages_of(t.tolist(), systems), held=True)
         return self.kernel.ask(ACCOUNTS, systems, inputs, parameters)
 
     def constraint(self, times: Sequence[float], states: Sequence[State]) -> Array:
@@ -137,6 +136,10 @@ class StagewiseStepper:
         return self.kernel.ask(CONSTRAINT, self.kernel.systems(state_rows(states)), *self._given(stages, held=True))[
             ROWS
         ]
+
+    def _stages_of(self, times: list[float], systems: Systems) -> list[StageInputs]:
+        """Return the inputs at recorded instants, without torques."""
+        return [self._stage_inputs(time, state_of(systems, row)) for row, time in enumerate(times)]
 
     def _closed(self, times: list[float], states: list[State], rows: Array | None) -> list[tuple[State, Gaps]]:
         """Return the states projected onto the grasps, and the gaps before and after."""

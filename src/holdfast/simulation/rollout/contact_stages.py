@@ -1,0 +1,250 @@
+"""Steps in fixed modes of contacts with the world whose stages are machine code; see `ContactStepper`.
+
+Every stage takes the object's acceleration without contact forces and its mobility from machine code, solves for the
+forces of the closed contacts, and takes the stage again with them, all ends of a step in one call.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled.bound import BoundFunction
+from holdfast.compiled.chain import compile
+from holdfast.compiled.computation import Computation
+from holdfast.compiled.kernels import kernel
+from holdfast.compiled.structure import Options, Structure
+from holdfast.compiled.traced_chain import Given, traced, unit_pose
+from holdfast.compiler.kernel import Bound, Kernel
+from holdfast.compiler.schedule import External
+from holdfast.control.controller import Controller
+from holdfast.control.traced_law import law_of
+from holdfast.dynamics.contact.fixed_modes import ContactModes, RestResponses, Touch, on_contacts, touch_with
+from holdfast.dynamics.contact.rows import ContactRows, contact_rows
+from holdfast.dynamics.projection import Change, Gap
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.adaptive import Tolerance
+from holdfast.simulation.contact_stepper import TOUCH_WRENCH, ContactStepper
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.rollout.between_steps import ACCOUNTS
+from holdfast.simulation.rollout.compiled_steppers import StagewiseStepper
+from holdfast.simulation.rollout.fused_stepper import systems_at
+from holdfast.simulation.rollout.kernel import Systems
+from holdfast.simulation.rollout.rows import StageInputs, instant_of, late, slope_at
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.step import EvaluationRequest, Gaps, ProjectionRequest, StageRequest
+from holdfast.simulation.stepper import Stepper
+from holdfast.spatial.frozen import NOT_GIVEN, changed
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledResponses(RestResponses):
+    """The responses of a chain at rest by machine code; for chains whose grasps are independent, without springs.
+
+    Attributes:
+        touched: the chain with the points and shapes, which `chain` has not.
+    """
+
+    touched: ClosedChain = NOT_GIVEN
+
+    @cached_property
+    def _mobility(self) -> BoundFunction:
+        return compile(self.chain).object_mobility.bind()
+
+    @cached_property
+    def _forward(self) -> BoundFunction:
+        return compile(self.chain, generic_rank=self.chain.constraint_row_count).bind(gravity=np.zeros(3))
+
+    @cached_property
+    def _closure(self) -> BoundFunction:
+        return compile(self.chain).closure.bind()
+
+    @cached_property
+    def _rows(self) -> Bound:
+        return _rows_kernel(self.touched).bind()
+
+    def rows(self, state: State) -> ContactRows:
+        """Return the contacts' rows."""
+        of = self._rows
+        of.arrays["object_pose"][...], of.arrays["object_twist"][...] = state.object_pose, state.object_twist
+        of.run()
+        assert self.touched.touching is not None
+        shapes = [one.shape for one in self.touched.touching.candidates]
+        mu, e = (np.array([getattr(one, name) for one in shapes]) for name in ("friction", "restitution"))
+        return ContactRows._make([*(of.arrays[name].copy() for name in ContactRows._fields[:6]), mu, e])
+
+    def gaps(self, state: State) -> Gap:
+        """Return the largest position and velocity residuals of any grasp."""
+        of = self._closure
+        for name in ("q", "qd", "object_pose", "object_twist"):
+            of.arrays[name][...] = getattr(state, name)
+        found = of().values()
+        return Gap(
+            *(max(float(np.abs(x).max(initial=0.0)) for x in of_grasps) for of_grasps in zip(*found, strict=True))
+        )
+
+    def mobility(self, state: State, positions: bool = False) -> Array:
+        """Return the object's mobility (6, 6)."""
+        of = self._mobility
+        of.arrays["q"][...], of.arrays["object_pose"][...] = state.q, state.object_pose
+        return np.array(of())
+
+    def change(self, state: State, push: Array, positions: bool = False) -> Change:
+        """Return the change of the velocities by an impulse (6,) on the object."""
+        of = self._forward
+        of.arrays["q"][...], of.arrays["object_pose"][...] = state.q, state.object_pose
+        of.arrays["object_wrench"][...] = push
+        if of.run() != 0:
+            return super().change(state, push, positions)
+        found = of.result
+        return Change(found.qdd.copy(), found.object_acceleration.copy(), None)
+
+
+def _rows_kernel(chain: ClosedChain) -> Kernel:
+    """Return machine code of `contact_rows` for the points and shapes of a chain."""
+    touching = chain.touching
+    assert touching is not None
+    k = len(touching.candidates)
+    found = {"gap": (k,), "C": (k, 3, 6), "drift": (k, 3), "carried": (k, 3), "point": (k, 3), "axes": (k, 3, 3)}
+    externals = {"object_pose": External((7,), "input"), "object_twist": External((6,), "input")}
+    externals |= {name: External(shape, "output") for name, shape in found.items()}
+
+    def rows(given: Given) -> dict[str, Array]:
+        frame = unit_pose(given["object_pose"], given["object_twist"][3:])
+        return {name: getattr(contact_rows(touching, frame, given["object_twist"]), name) for name in found}
+
+    structure = Structure(chain, Options())
+    return kernel(Computation("contact_rows", structure, externals, lambda: traced(externals, rows)))
+
+
+@dataclass(frozen=True, eq=False)
+class StagewiseContactStepper(StagewiseStepper):
+    """Takes steps in fixed modes by machine code; their ends are projected onto grasps and closed contacts.
+
+    Attributes:
+        modes: what the contacts do, with slip directions at the start of the stretch.
+        responses: the chain's responses at rest.
+    """
+
+    modes: ContactModes = NOT_GIVEN
+    responses: CompiledResponses = NOT_GIVEN
+
+    def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
+        """Return the chain at a given state; see `Stepper`."""
+        now, gaps = super().start(t, state, memory)
+        closed = on_contacts(now.chain, now.state, self.modes, responses=self.responses)
+        return self.evaluate(t, closed, memory), gaps
+
+    def evaluate(self, t: float, state: State, memory: Any) -> Instant:
+        """Return the chain at a given state without projection."""
+        found, (stage,), (touch,) = self._touching([t], [state], memory, None, self.modes)
+        return replace(instant_of(found, 0, stage), touch=touch)
+
+    def replies(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
+        """Return the replies to requests; see `Stepper`. The slip directions of `now` hold for the step."""
+        modes = self.modes if now.touch is None else now.touch.modes
+        times, states, held = [one.t for one in requests], [one.state for one in requests], now.result.held
+        if isinstance(requests[0], ProjectionRequest):
+            return [self._on_contacts(*one, modes) for one in self._closed(times, states, held)]
+        rows = held if isinstance(requests[0], StageRequest) else None
+        found, stages, touches = self._touching(times, states, now.memory, rows, modes)
+        return [
+            slope_at(found["slope"][row], one)
+            if isinstance(one, StageRequest)
+            else _late(found, row, stages[row], touches[row])
+            for row, one in enumerate(requests)
+        ]
+
+    def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return what a run records besides the motion; see `Accounting`."""
+        systems = systems_at(self.kernel, arrays)
+        stages = self._stages_of(t.tolist(), systems)
+        pushed = [_with_wrench(one, wrench) for one, wrench in zip(stages, arrays[TOUCH_WRENCH], strict=True)]
+        inputs, parameters = self._given(pushed, held=True)
+        return self.kernel.ask(ACCOUNTS, systems, inputs, parameters)
+
+    def _on_contacts(self, state: State, gaps: Gaps, modes: ContactModes) -> tuple[State, Gaps]:
+        """Return a state on the grasps that is moved onto the closed contacts, and the gaps."""
+        chain = self.environment.chain
+        if not len(modes.closed):
+            return state, gaps
+        closed = on_contacts(chain, state, modes, responses=self.responses)
+        after = self.responses.gaps(closed)
+        both = (gaps.position[0], after.position), (gaps.velocity[0], after.velocity)
+        return closed, Gaps(*(np.array(pair) for pair in both))
+
+    def _touching(
+        self, times: list[float], states: list[State], memory: Any, rows: Array | None, modes: ContactModes
+    ) -> tuple[Systems, list[StageInputs], list[Touch]]:
+        """Return the systems at the given states with contact forces, their inputs with these, and the contacts."""
+        stages = [
+            self._driven(self._stage_inputs(t, state), state, memory) for t, state in zip(times, states, strict=True)
+        ]
+        found = self._run(states, stages, memory, rows, held=True)
+        touches = [
+            touch_with(self.responses, state, alpha, modes)
+            for state, alpha in zip(states, found["object_acceleration"], strict=True)
+        ]
+        stages = [_with_wrench(one, at.rows.wrench(at.force)) for one, at in zip(stages, touches, strict=True)]
+        if any(at.force.any() for at in touches):
+            found = self._run(states, stages, memory, rows, held=True)
+        if rows is None:
+            self.kernel.choose_forces(found, *self._given(stages, held=True))
+        return found, stages, touches
+
+
+def _with_wrench(at: StageInputs, wrench: Array) -> StageInputs:
+    given = at.inputs.object_wrench
+    return replace(at, inputs=changed(at.inputs, object_wrench=wrench if given is None else given + wrench))
+
+
+def _late(found: Systems, row: int, at: StageInputs, touch: Touch) -> Instant:
+    """Return one system with its contacts as an instant that is evaluated in full only when this is needed."""
+    tau = found["drive"][row] if at.tau is None else at.tau
+    made = late(found, row, at.t, at.chain, tau, lambda: replace(instant_of(found, row, at), touch=touch))
+    vars(made)["touch"] = touch
+    return made
+
+
+@functools.lru_cache(maxsize=8)  # a run has a stretch, and a stepper, for every change of modes
+def responses_of(chain: ClosedChain) -> CompiledResponses:
+    """Return the responses of a chain at rest by machine code."""
+    return CompiledResponses(changed(chain, touching=None), touched=chain)
+
+
+def contact_stepper_for(
+    environment: Environment,
+    controller: Controller,
+    generic_rank: int,
+    scheme: Tableau,
+    tolerance: Tolerance,
+    modes: ContactModes,
+) -> Stepper:
+    """Return the most suitable stepper for a stretch of a run in fixed modes; their results agree up to rounding.
+
+    Machine code takes chains whose grasps are independent, that stand still, and in which nothing is elastic.
+    """
+    chain, inputs = environment.chain, environment.inputs
+    elastic = chain.springs or chain.bushings or any(joint.stiffness for joint in chain.all_joints)
+    plain = isinstance(inputs, Inputs) and all(x is None for name, x in vars(inputs).items() if name != "object_wrench")
+    left_out = (
+        modes.hands
+        or not chain.arms
+        or chain.floats
+        or elastic
+        or scheme.implicit
+        or not plain
+        or environment.base_motion
+    )
+    of = environment, controller, generic_rank, scheme, tolerance
+    if left_out or generic_rank != chain.constraint_row_count:
+        return ContactStepper(*of, modes)
+    return StagewiseContactStepper(*of, law_of(controller, chain), modes, responses_of(chain))

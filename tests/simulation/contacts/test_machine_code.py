@@ -1,0 +1,61 @@
+"""Runs with contacts whose stages are machine code are those of the reference."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.simulation import simulate as simulated
+from holdfast.simulation.contact_stepper import ContactStepper
+from holdfast.simulation.rollout.contact_stages import StagewiseContactStepper, contact_stepper_for
+from holdfast.world import HalfSpace, Touching, corners
+from tests.control.two_pandas import two_pandas
+
+RECORDED = ("q", "qd", "qdd", "object_pose", "object_twist", "grasp_wrench", "touch_force", "touch_gap", "work")
+
+
+def lowering(gap):
+    """Return two Pandas whose box falls onto a table with one kilogram more than their torques hold."""
+    chain, state = two_pandas()
+    below = {name: x for name, x in corners(0.3, 0.2, 0.2).items() if name[2] == "-"}
+    lowest = min((state.object_frame.R @ x + state.object_frame.p)[2] for x in below.values())
+    touching = Touching(below, {"table": HalfSpace(offset=lowest - gap, friction=0.5)})
+    tau = hf.holding_torques(replace(chain, held_object=hf.HeldObject.box(2.0, 0.3, 0.2, 0.2)), state)
+    return replace(chain, touching=touching), state, lambda t, state, memory: (tau, memory)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("gap", [0.0, 4e-5])
+def test_as_the_reference(monkeypatch, gap):
+    """At rest on the table, and across an impact: samples and log agree to 1e-9 of what they are."""
+    chain, state, law = lowering(gap)
+    fast = hf.simulate(chain, state, law, 0.01, 0.0025, contacts="events")
+    monkeypatch.setattr(simulated, "contact_stepper_for", ContactStepper)
+    true = hf.simulate(chain, state, law, 0.01, 0.0025, contacts="events")
+    assert [(one.kind, one.name) for one in fast.occurrences] == [(one.kind, one.name) for one in true.occurrences]
+    assert np.abs(fast.t - true.t).max() < 1e-12 and fast.stopped is true.stopped is None
+    for name in RECORDED:
+        a, b = getattr(fast, name), getattr(true, name)
+        assert np.abs(a - b).max() < 1e-9 * max(1.0, np.abs(b).max()), name
+    assert fast.position_gap[:, 1].max() < 1e-12
+    assert fast.touch_gap.min() > -1e-12
+
+
+def test_which_chains():
+    """Machine code takes chains with independent grasps that stand still; the reference takes the others."""
+    chain, state, law = lowering(0.0)
+    made = []
+
+    def noting(*of):
+        made.append(contact_stepper_for(*of))
+        return made[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(simulated, "contact_stepper_for", noting)
+        hf.simulate(chain, state, law, 0.002, 0.002)
+        assert isinstance(made[-1], StagewiseContactStepper)
+        free = hf.ClosedChain({}, chain.held_object, {}, touching=chain.touching)
+        alone = hf.State(np.zeros(0), np.zeros(0), state.object_pose, np.zeros(6))
+        hf.simulate(free, alone, lambda t, state, memory: (np.zeros(0), memory), 0.002, 0.002)
+        assert not isinstance(made[-1], StagewiseContactStepper)
