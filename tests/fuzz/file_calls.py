@@ -203,8 +203,8 @@ MAPPED = {
     "bad_rows": "drop",
     "begin": 0.0,
     "arms": {
-        "arm1": {"position": {"columns": "a{1}", "unit": "deg", "sign": -1, "offset": 1.0, "scale": 2.0}},
-        "arm2": {"position": {"columns": ["b1", "b2", "b3", "b4", "b5", "b6"], "unit": ["rad"] * 6}},
+        "arm1": {"position": {"columns": "a{1}", "sign": -1, "offset": 1.0, "scale": 2.0}},
+        "arm2": {"position": {"columns": ["b1", "b2", "b3", "b4", "b5", "b6"]}},
     },
 }
 
@@ -243,7 +243,8 @@ def postures() -> np.ndarray:
     largest_deviation=0.01,
 )
 def _calibrate(postures: Any, **given: Any) -> Any:
-    return str(hf.calibrate(fixed().chain, postures, **given))
+    noise = hf.calibration.ClosureNoise(1e-3, 1e-3, 1e-3)
+    return str(hf.calibrate(fixed().chain, postures, noise=noise, **given))
 
 
 @call(

@@ -23,13 +23,13 @@ from holdfast.view.plots import write_figures
 
 PostureFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="POSTURES")]
 OtherFile = Annotated[Path | None, tyro.conf.arg(metavar="POSTURES")]
-ModelFile = Annotated[Path, tyro.conf.arg(metavar="SCENE")]
-PAGE = "calibration.html"
+SceneOfPostures = Annotated[Path, tyro.conf.arg(metavar="SCENE")]
+CALIBRATION_PAGE = "calibration.html"
 
 
 def calibrate(
     postures: PostureFile,
-    model: ModelFile,
+    model: SceneOfPostures,
     seek: Names = (),
     noise: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="TURN SHIFT JOINTS")] = None,
     held_out: OtherFile = None,
@@ -85,8 +85,8 @@ def calibrate(
 def _write(found: Calibration, out: Path, title: str) -> list[str]:
     """Write figures and the page, and return their paths, the page first."""
     make_folder(out)
-    figures = calibration_page(found, out / PAGE, title)
-    return [str(out / PAGE), *(str(out / name) for name in write_figures(figures, out))]
+    figures = calibration_page(found, out / CALIBRATION_PAGE, title)
+    return [str(out / CALIBRATION_PAGE), *(str(out / name) for name in write_figures(figures, out))]
 
 
 def _as_json(found: Calibration, files: list[str]) -> dict[str, object]:

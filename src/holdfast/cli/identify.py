@@ -26,15 +26,15 @@ from holdfast.view.plots import write_figures
 
 RecordingFiles = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING ...")]
 OtherRecording = Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")]
-ModelFile = Annotated[Path, tyro.conf.arg(metavar="SCENE")]
+SceneOfRecording = Annotated[Path, tyro.conf.arg(metavar="SCENE")]
 Deviations = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="KIND=DEVIATION")]
-MEASURED = ("tau", "current", "wrist_wrench", "wrist_force")
-PAGE = "identification.html"
+PREFERRED = ("tau", "current", "wrist_wrench", "wrist_force")
+IDENTIFICATION_PAGE = "identification.html"
 
 
 def identify(
     recordings: RecordingFiles,
-    model: ModelFile,
+    model: SceneOfRecording,
     by: Literal["tau", "current", "wrist_wrench", "wrist_force"] | None = None,
     unknowns: Names = (),
     prior: Deviations = (),
@@ -78,7 +78,7 @@ def identify(
     files = recordings or _of_scene(scenario, model)
     read = [load_recording(file, scenario.chain, columns=scenario.recording) for file in files]
     later = None if held_out is None else load_recording(held_out, scenario.chain, columns=scenario.recording)
-    measured = by or next((one for one in MEASURED if all(getattr(x, one) is not None for x in read)), None)
+    measured = by or next((one for one in PREFERRED if all(getattr(x, one) is not None for x in read)), None)
     if measured is None:
         raise SceneError(f"{files[0]}: expected torques, currents, or forces at wrists; got positions only")
     found = assess(
@@ -131,8 +131,8 @@ def _prior(given: tuple[str, ...]) -> Prior:
 def _write(found: Assessment, out: Path, title: str) -> list[str]:
     """Write figures and the page, and return their paths, the page first."""
     make_folder(out)
-    figures = identification_page(found, out / PAGE, title)
-    return [str(out / PAGE), *(str(out / name) for name in write_figures(figures, out))]
+    figures = identification_page(found, out / IDENTIFICATION_PAGE, title)
+    return [str(out / IDENTIFICATION_PAGE), *(str(out / name) for name in write_figures(figures, out))]
 
 
 def _as_json(found: Assessment, read: list[Recording], files: list[str]) -> dict[str, Any]:

@@ -25,8 +25,8 @@ HELD_OUT = 3  # one part of so many of a recording is held out
 UNEXPLAINED = 0.5  # residual of a channel, relative to how much it varies, from which a fit is bad
 MINOR = 0.1  # a channel that varies less than this, relative to the largest one, is not judged
 WORSE = 2.0  # ratio of held-out to fitted residuals from which a fit is bad
-AXES = ("moment x", "moment y", "moment z", "force x", "force y", "force z")
-UNITS = {"tau": "N m or N", "current": "A", "wrist_force": "N", "wrist_wrench": "N m or N"}
+WRIST_AXES = ("moment x", "moment y", "moment z", "force x", "force y", "force z")
+UNIT_OF = {"tau": "N m or N", "current": "A", "wrist_force": "N", "wrist_wrench": "N m or N"}
 
 
 @called
@@ -64,7 +64,7 @@ class Assessment(Frozen):
     def __str__(self) -> str:
         """Return the values, residuals by channel, and the criteria by which the fit is bad."""
         width, later = max(map(len, self.channels)), self.held_out
-        lines = [str(self.found), f"residuals [{UNITS[self.by]} rms]: measured, left by the fit, held out"]
+        lines = [str(self.found), f"residuals [{UNIT_OF[self.by]} rms]: measured, left by the fit, held out"]
         whole = _rms(np.concatenate(self.measured))
         for k, name in enumerate(self.channels):
             held = "" if later is None else f"  {later[k]:>9.4g}"
@@ -88,6 +88,9 @@ def assess(
         unknowns: kinds of unknowns, likewise.
         held_out: recordings that are not used, but predicted; None for the last third of those that are.
         options: other arguments of `identify`.
+
+    Returns:
+        An `Assessment`.
 
     Raises:
         ModelError, StateError, ResultError: as for `identify`.
@@ -143,7 +146,9 @@ def _channel_names(chain: ClosedChain, by: str) -> tuple[str, ...]:
     """Return the names of the measurements."""
     if by in ("tau", "current"):
         return tuple(chain.joint_names())
-    return tuple(f"{name} {axis}" for name in chain.grasps for axis in (AXES if by == "wrist_wrench" else AXES[3:]))
+    return tuple(
+        f"{name} {axis}" for name in chain.grasps for axis in (WRIST_AXES if by == "wrist_wrench" else WRIST_AXES[3:])
+    )
 
 
 def _criteria(

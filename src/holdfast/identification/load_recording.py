@@ -18,9 +18,9 @@ from holdfast.io.files import file_path, one_line, reason_of
 from holdfast.io.recording_table import ArmColumnsTable, ColumnsTable, RecordingTable
 from holdfast.io.result_reader import load_result
 from holdfast.io.save_run import meta_of
-from holdfast.io.table_reader import Table, read_table
+from holdfast.io.table_reader import NamedColumns, read_table
 from holdfast.io.typed import convert
-from holdfast.io.units import UNITS, factor_to
+from holdfast.io.units import FACTORS, factor_to
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import serial_chain
@@ -29,7 +29,7 @@ from holdfast.simulation.trajectory import RUN_ARRAYS
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs
 
-OF_JOINTS = {"position": "q", "velocity": "qd", "torque": "tau", "current": "current", "used": "used"}
+ARRAY_OF = {"position": "q", "velocity": "qd", "torque": "tau", "current": "current", "used": "used"}
 UNITS_OF = {  # of a turning joint, and of a sliding one
     "position": ("rad", "m"),
     "velocity": ("rad/s", "m/s"),
@@ -38,7 +38,7 @@ UNITS_OF = {  # of a turning joint, and of a sliding one
     "used": ("1", "1"),
 }
 NOT_MEASURED = ""  # instead of a column: this joint has no torque or current
-LONGEST_STEP = 20.0  # usual intervals between samples, beyond which samples were most likely lost
+USUAL_STEPS_OF_GAP = 20.0  # usual intervals between samples, beyond which samples were most likely lost
 
 
 def load_recording(
@@ -97,7 +97,7 @@ def recording_of(given: Any, chain: ClosedChain) -> Recording:
     return load_recording(given, chain) if isinstance(given, str | PathLike) else Recording.of_run(given)
 
 
-def _of_titles(table: Table, chain: ClosedChain, inputs: Inputs | None) -> Recording:
+def _of_titles(table: NamedColumns, chain: ClosedChain, inputs: Inputs | None) -> Recording:
     """Return the recording in a table with the titles of `export_csv`, or with arrays of the names of `Recording`."""
     free = [f"{body}_{what}" for body in FREE_BODIES for what in ("pose", "twist", "acceleration")]
     meta, names = meta_of(Setting(chain)), ["q", "qd", "qdd", "tau", "wrist_wrench", *free[: 6 if chain.floats else 3]]
@@ -129,15 +129,15 @@ def _of_titles(table: Table, chain: ClosedChain, inputs: Inputs | None) -> Recor
     return Recording(t, **found, inputs=inputs, notes=tuple(_notes_on_times("t", t)))
 
 
-def _title_factor(table: Table, name: str, si: str) -> float:
+def _title_factor(table: NamedColumns, name: str, si: str) -> float:
     """Return the factor from the unit in a title to an SI unit, 1 without one."""
     unit = table.units.get(name)
     if unit is None or si == NO_UNIT or unit == si:
         return 1.0
-    return factor_to(si, unit, f"{table.source}: {name}") if si in UNITS else 1.0
+    return factor_to(si, unit, f"{table.source}: {name}") if si in FACTORS else 1.0
 
 
-def _times(table: Table, name: str, unit: str | None) -> Array:
+def _times(table: NamedColumns, name: str, unit: str | None) -> Array:
     """Return the stamps [s], NaN where there is none."""
     if name not in table:
         raise ResultError(
@@ -151,7 +151,7 @@ def _times(table: Table, name: str, unit: str | None) -> Array:
     return t * factor_to("s", unit or said or "s", f"{table.source}: {name}")
 
 
-def _of_map(table: Table, chain: ClosedChain, given: RecordingTable, inputs: Inputs | None) -> Recording:
+def _of_map(table: NamedColumns, chain: ClosedChain, given: RecordingTable, inputs: Inputs | None) -> Recording:
     """Return the recording in a table whose columns are named by a map."""
     parts = [name for name, joints in chain.joints_of.items() if len(joints)]
     for name in given.arms:
@@ -159,8 +159,8 @@ def _of_map(table: Table, chain: ClosedChain, given: RecordingTable, inputs: Inp
             raise ResultError(f"recording: arms: no arm '{name}'.{checks.did_you_mean(name, parts)}")
     if absent := [name for name in parts if name not in given.arms]:
         raise ResultError(f"recording: arms: expected columns of '{absent[0]}', got none")
-    of_joints = {key: _joint_arrays(table, chain, given, key, parts) for key in OF_JOINTS}
-    found: dict[str, Any] = {OF_JOINTS[key]: x for key, x in of_joints.items() if x is not None}
+    of_joints = {key: _joint_arrays(table, chain, given, key, parts) for key in ARRAY_OF}
+    found: dict[str, Any] = {ARRAY_OF[key]: x for key, x in of_joints.items() if x is not None}
     found |= _of_wrists(table, chain, given)
     t = _times(table, given.time, given.time_unit)
     kept, notes = _kept_rows(table, given, t, found)
@@ -184,7 +184,9 @@ def _of_map(table: Table, chain: ClosedChain, given: RecordingTable, inputs: Inp
     return ready.with_notes(*str(report).splitlines())
 
 
-def _joint_arrays(table: Table, chain: ClosedChain, given: RecordingTable, key: str, parts: list[str]) -> Array | None:
+def _joint_arrays(
+    table: NamedColumns, chain: ClosedChain, given: RecordingTable, key: str, parts: list[str]
+) -> Array | None:
     """Return what was recorded of all joints, (samples, n); None if of none."""
     tables: dict[str, ColumnsTable | None] = {name: getattr(given.arms[name], key) for name in parts}
     if not any(tables.values()):
@@ -204,7 +206,7 @@ def _joint_arrays(table: Table, chain: ClosedChain, given: RecordingTable, key: 
     return np.hstack(found)
 
 
-def _of_wrists(table: Table, chain: ClosedChain, given: RecordingTable) -> dict[str, Array]:
+def _of_wrists(table: NamedColumns, chain: ClosedChain, given: RecordingTable) -> dict[str, Array]:
     """Return what sensors at the wrists recorded, zero for arms without one: wrenches, or forces without moments."""
     sensors = [name for name in chain.names if name in given.arms and given.arms[name].wrist_force is not None]
     moments = [name for name in chain.names if name in given.arms and given.arms[name].wrist_moment is not None]
@@ -229,7 +231,7 @@ def _of_wrists(table: Table, chain: ClosedChain, given: RecordingTable) -> dict[
     return {"wrist_wrench": wrench} if moments else {"wrist_force": wrench[..., 3:]}
 
 
-def _converted(table: Table, given: ColumnsTable, si: list[str], here: str, some: bool = False) -> Array:
+def _converted(table: NamedColumns, given: ColumnsTable, si: list[str], here: str, some: bool = False) -> Array:
     """Return columns in SI units, (samples, columns).
 
     Args:
@@ -259,7 +261,7 @@ def _converted(table: Table, given: ColumnsTable, si: list[str], here: str, some
             found.append(np.full(len(next(iter(table.numbers.values()))), np.nan))
             continue
         said, what = table.units.get(name), f"{here}: {name}"
-        if unit and said and one in UNITS and factor_to(one, unit, what) != factor_to(one, said, what):
+        if unit and said and one in FACTORS and factor_to(one, unit, what) != factor_to(one, said, what):
             raise ResultError(f"{what}: expected the unit of the column's title, [{said}], got '{unit}'")
         readings = table.column(name, gaps=True)
         if np.isnan(readings).all():
@@ -268,7 +270,7 @@ def _converted(table: Table, given: ColumnsTable, si: list[str], here: str, some
     return np.column_stack(found)
 
 
-def _names(table: Table, given: str | list[str], count: int, here: str) -> list[str]:
+def _names(table: NamedColumns, given: str | list[str], count: int, here: str) -> list[str]:
     """Return the columns that are named one by one, as an array, or by a pattern `q{1}`."""
     if isinstance(given, list):
         names = given
@@ -289,7 +291,9 @@ def _names(table: Table, given: str | list[str], count: int, here: str) -> list[
     return names
 
 
-def _kept_rows(table: Table, given: RecordingTable, t: Array, found: dict[str, Array]) -> tuple[Array, list[str]]:
+def _kept_rows(
+    table: NamedColumns, given: RecordingTable, t: Array, found: dict[str, Array]
+) -> tuple[Array, list[str]]:
     """Return which rows are used, (samples,), and remarks on the others; refuse bad ones, unless they are dropped."""
     kept, notes, drop = np.ones(len(t), bool), list[str](), given.bad_rows == "drop"
     if given.valid is not None:
@@ -329,12 +333,12 @@ def _kept_rows(table: Table, given: RecordingTable, t: Array, found: dict[str, A
     return kept & ~repeated, notes
 
 
-def _refuse_missing(table: Table, given: RecordingTable, name: str, missing: Array, drop: bool) -> None:
+def _refuse_missing(table: NamedColumns, given: RecordingTable, name: str, missing: Array, drop: bool) -> None:
     """Refuse missing numbers of an array: name the first of them, and its column."""
     if drop or not missing.any():
         return
     k = int(np.flatnonzero(missing)[0])
-    keys = {array: key for key, array in OF_JOINTS.items()} | {"wrist_wrench": "wrist_force"}
+    keys = {array: key for key, array in ARRAY_OF.items()} | {"wrist_wrench": "wrist_force"}
     which = [given.time] if name == "time" else []
     for one in given.arms.values() if not which else ():
         of = getattr(one, keys.get(name, name))
@@ -347,7 +351,7 @@ def _refuse_missing(table: Table, given: RecordingTable, name: str, missing: Arr
     )
 
 
-def _require_increasing(table: Table, name: str, t: Array, samples: Array) -> None:
+def _require_increasing(table: NamedColumns, name: str, t: Array, samples: Array) -> None:
     """Refuse times that do not increase: name the first, and the likely cause."""
     if np.isnan(t).any():
         table.column(name)
@@ -369,7 +373,7 @@ def _notes_on_times(name: str, t: Array) -> list[str]:
     if len(steps) < 2:
         return []
     usual = float(np.median(steps))
-    if not (far := np.flatnonzero(steps > LONGEST_STEP * usual)).size:
+    if not (far := np.flatnonzero(steps > USUAL_STEPS_OF_GAP * usual)).size:
         return []
     k = int(far[np.argmax(steps[far])])
     return [

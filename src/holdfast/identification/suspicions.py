@@ -67,7 +67,7 @@ def suspicions(
     found += [
         f"{by} of '{name}' is always {y[0, k]:.3g}; most likely it was not recorded"
         for k, name in enumerate(names)
-        if y[:, k].std() == 0.0 and moving[k] and len(y) > 1
+        if np.ptp(y[:, k]) == 0.0 and moving[k] and len(y) > 1
     ]
     if needed.shape != y.shape:
         return found or _guesses(names, recordings, unknowns, needs)
@@ -86,7 +86,7 @@ def _of_times(recordings: Sequence[Recording]) -> list[str]:
 def _of_positions(chain: ClosedChain, names: list[str], recordings: Sequence[Recording]) -> list[str]:
     """Return what is wrong with positions, by their limits, and whether they change at all."""
     q, found = np.concatenate([one.q for one in recordings]), list[str]()
-    still = q.std(axis=0) == 0.0
+    still = np.ptp(q, axis=0) == 0.0  # a mean of equal numbers rounds, so that their deviation need not be 0
     for joint, (name, (low, high)) in enumerate(zip(names, chain.position_limits.tolist(), strict=True)):
         rates = [one.qd[:, joint] for one in recordings if one.qd is not None]
         if still[joint] and not still.all() and (still.sum() == 1 < len(names) - 1 or any(np.any(x) for x in rates)):
@@ -140,7 +140,7 @@ def _of_rates(names: list[str], recordings: Sequence[Recording]) -> list[str]:
                     )
         found += [
             f"qd of '{names[j]}' is always {one.qd[0, j]:.3g} although q changes; most likely it was not recorded"
-            for j in np.flatnonzero((one.qd.std(axis=0) == 0.0) & (true.std(axis=0) > 0.0)).tolist()
+            for j in np.flatnonzero((np.ptp(one.qd, axis=0) == 0.0) & (true.std(axis=0) > 0.0)).tolist()
         ]
     return found
 

@@ -12,8 +12,8 @@ from holdfast.errors import MissingExtra, ResultError
 from holdfast.io.files import one_line
 from holdfast.spatial.scalar import Array
 
-LONGEST_STEP = 5.0  # median intervals of a topic, beyond which nothing is interpolated
-OF_JOINTS = {"position": "q", "velocity": "qd", "effort": "tau"}
+BRIDGED_STEPS = 5.0  # median intervals of a topic, beyond which nothing is interpolated
+OF_JOINT_STATE = {"position": "q", "velocity": "qd", "effort": "tau"}
 NANOSECONDS = 1_000_000_000
 
 
@@ -81,8 +81,8 @@ def _on_one_clock(
             column = f"{topic} {name}"
             columns[column] = np.array(values) if topic == clock else _interpolated(t, own, np.array(values))
             kind, _, joint = name.partition(" ")
-            if topic in jointed and kind in OF_JOINTS:
-                whose.setdefault(f"{OF_JOINTS[kind]} {joint}", []).append(column)
+            if topic in jointed and kind in OF_JOINT_STATE:
+                whose.setdefault(f"{OF_JOINT_STATE[kind]} {joint}", []).append(column)
     return columns | {name: columns[one[0]] for name, one in whose.items() if len(one) == 1}, units
 
 
@@ -94,14 +94,14 @@ def _interpolated(t: Array, own: Array, values: Array) -> Array:
         return np.full(len(t), np.nan)
     after = np.clip(np.searchsorted(own, t), 1, len(own) - 1)
     steps = np.diff(own)
-    longest = LONGEST_STEP * max(float(np.median(steps)), 1e-9)
+    longest = BRIDGED_STEPS * max(float(np.median(steps)), 1e-9)
     apart = (t < own[0]) | (t > own[-1]) | (steps[after - 1] > longest)
     return np.where(apart, np.nan, np.interp(t, own, values))
 
 
 def _of_joints(message: Any) -> Iterator[tuple[str, float]]:
     """Yield the numbers of a JointState."""
-    for kind in OF_JOINTS:
+    for kind in OF_JOINT_STATE:
         values = getattr(message, kind, ())
         if len(values) == len(message.name):
             yield from ((f"{kind} {name}", float(x)) for name, x in zip(message.name, values, strict=True))

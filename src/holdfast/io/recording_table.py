@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-Numbers = float | list[float]
+OneOrEach = float | list[float]
 
 
 class ColumnsTable(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -18,9 +18,9 @@ class ColumnsTable(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     columns: str | list[str]
     unit: str | list[str] | None = None
-    sign: Numbers = 1.0
-    scale: Numbers = 1.0
-    offset: Numbers = 0.0
+    sign: OneOrEach = 1.0
+    scale: OneOrEach = 1.0
+    offset: OneOrEach = 0.0
 
 
 class ArmColumnsTable(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):

@@ -23,7 +23,7 @@ _NAME_AND_UNIT = re.compile(r"(.*\S)\s*[\[(]([^\[\]()]*)[\])]\s*", re.DOTALL)  #
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class NamedColumns:
     """Columns of a file by name, each with its unit if its title has one.
 
     Attributes:
@@ -93,7 +93,7 @@ class Table:
         return f" It has {', '.join(one_line(name, 40) for name in names[:8]) or 'none'}{more}"
 
 
-def read_table(path: str | PathLike[str]) -> Table:
+def read_table(path: str | PathLike[str]) -> NamedColumns:
     """Return the columns of a CSV, Parquet, NumPy or MCAP file.
 
     The first line of a CSV file has the titles; columns are separated by commas, semicolons or tabs. Columns of an
@@ -116,7 +116,7 @@ def read_table(path: str | PathLike[str]) -> Table:
         raise ResultError(f"{one_line(str(path), 80)}: cannot be read: {reason_of(cause)}") from cause
 
 
-def _read_csv(path: Path) -> Table:
+def _read_csv(path: Path) -> NamedColumns:
     """Return the table in a CSV file."""
     if not path.stat().st_size:
         raise ResultError(f"{path}: expected a table, but the file is empty")
@@ -155,7 +155,7 @@ def _read_csv(path: Path) -> Table:
             k = next(k for k, cell in enumerate(cells) if cell.strip() and not _is_number(cell))
             comma = " with a decimal point" if re.fullmatch(r"\s*[+-]?\d+,\d+\s*", cells[k]) else ""
             faults[name] = f"line {lines[k]}, {name}: expected a number{comma}, got '{one_line(cells[k], 40)}'"
-    return Table(str(path), numbers, _units(head), faults, lines)
+    return NamedColumns(str(path), numbers, _units(head), faults, lines)
 
 
 def _separator(first: str) -> str:
@@ -193,7 +193,7 @@ def _split(title: str) -> tuple[str, str]:
     return (found[1].strip(), found[2].strip()) if found else (title.strip(), "")
 
 
-def _read_parquet(path: Path) -> Table:
+def _read_parquet(path: Path) -> NamedColumns:
     """Return the table in a Parquet file."""
     arrow, parquet = pyarrow()
     try:
@@ -208,10 +208,10 @@ def _read_parquet(path: Path) -> Table:
             numbers[name] = table.column(title).to_numpy().astype(float)
         except (arrow.ArrowException, ValueError, TypeError):
             faults[name] = f"{name}: expected numbers, got {table.schema.field(title).type}"
-    return Table(str(path), numbers, _units(table.column_names), faults)
+    return NamedColumns(str(path), numbers, _units(table.column_names), faults)
 
 
-def _read_npz(path: Path) -> Table:
+def _read_npz(path: Path) -> NamedColumns:
     """Return the arrays of a NumPy archive, by name; single numbers in it are left out."""
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -242,9 +242,9 @@ def _read_npz(path: Path) -> Table:
             columns[name] = array
         else:
             columns |= {f"{name} {k}": x for k, x in enumerate(array.reshape(len(array), -1).T)}
-    return Table(str(path), columns, {}, faults)
+    return NamedColumns(str(path), columns, {}, faults)
 
 
-def _read_mcap(path: Path) -> Table:
+def _read_mcap(path: Path) -> NamedColumns:
     """Return the columns of an MCAP file."""
-    return Table(str(path), *mcap_columns(path))
+    return NamedColumns(str(path), *mcap_columns(path))

@@ -11,7 +11,7 @@ from holdfast.model import checks
 TURN = 2.0 * math.pi
 POUND, KILOGRAM = 4.4482216152605, 9.80665  # N: weights of masses of one pound and one kilogram (CGPM 1901)
 # by SI unit, the factors by which readings in other units are multiplied
-UNITS = {
+FACTORS = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": TURN / 360.0, "rev": TURN},
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
@@ -36,8 +36,8 @@ def factor_to(si: str, unit: str, what: str) -> float:
         ResultError: it is no unit of this quantity.
     """
     plain = re.sub(r"[\s*.·]", "", unit).replace("°", "deg").replace("µ", "u").replace("μ", "u")
-    if plain in UNITS[si]:
-        return UNITS[si][plain]
-    known = next((one for one, units in UNITS.items() if plain in units), None)
-    hint = f", which is a unit of {known}" if known else checks.did_you_mean(plain, UNITS[si]).rstrip("?").lower()
-    raise ResultError(f"{what}: expected a unit among {', '.join(UNITS[si])}; got {checks.short(unit)}{hint}")
+    if plain in FACTORS[si]:
+        return FACTORS[si][plain]
+    known = next((one for one, units in FACTORS.items() if plain in units), None)
+    hint = f", which is a unit of {known}" if known else checks.did_you_mean(plain, FACTORS[si]).rstrip("?").lower()
+    raise ResultError(f"{what}: expected a unit among {', '.join(FACTORS[si])}; got {checks.short(unit)}{hint}")

@@ -13,7 +13,7 @@ from holdfast.view import figure_style as style
 from holdfast.view.report_page import Section, report_page, write_page
 
 PER_UNIT = 1e3  # milliradians and millimetres are shown
-MOST_PARAMETERS = 60  # of a figure
+MOST_CORRECTIONS = 60  # of a figure
 
 
 def calibration_figures(found: Calibration) -> dict[str, Any]:
@@ -122,7 +122,7 @@ def _parameters(found: Calibration) -> Any:
     """Return the figure of the corrections: angles on the left, lengths on the right; before, all are 0."""
     bars, unsure = _bars(found), {*found.kept, *found.partly}
     turns = np.array([one.turns for one in found.problem.layout.unknowns], bool)
-    parts = [(of[:MOST_PARAMETERS], unit) for of, unit in (
+    parts = [(of[:MOST_CORRECTIONS], unit) for of, unit in (
         (np.flatnonzero(turns), "mrad"), (np.flatnonzero(~turns), "mm")) if len(of)]  # fmt: skip
     height = 0.17 * max(len(of) for of, _ in parts) + 0.9
     with style.new_figure(2 * style.COLUMN, max(height, 1.6)) as figure:

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from scipy.signal import periodogram
 
-from holdfast.identification.assessment import UNITS, Assessment
+from holdfast.identification.assessment import UNIT_OF, Assessment
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style as style
 from holdfast.view.report_page import Section, report_page, write_page
 
 MOST_CHANNELS = 24  # of a figure
-MOST_PARAMETERS = 40
+MOST_BARS = 40
 ABREAST = 2
-POINTS = 2000  # of a curve
+MOST_POINTS = 2000  # of a curve
 
 
 def identification_figures(found: Assessment) -> dict[str, Any]:
@@ -51,7 +51,7 @@ def identification_page(found: Assessment, path: str | PathLike[str], title: str
         [name, f"{whole[k]:.4g}", f"{found.fitted[k]:.4g}", "" if later is None else f"{later[k]:.4g}"]
         for k, name in enumerate(found.channels)
     ]
-    unit = UNITS[found.by]
+    unit = UNIT_OF[found.by]
     sections = [
         Section("By what the fit is bad", found.criteria),
         Section("Measured and predicted", figures={"measured and predicted": figures["measured_and_predicted"]}),
@@ -108,7 +108,7 @@ def _panels(found: Assessment, height: float, sharey: bool = False) -> Any:
 
 def _thinned(x: Array) -> Array:
     """Return at most so many samples of a curve as a figure can show."""
-    return x[:: max(1, len(x) // POINTS)]
+    return x[:: max(1, len(x) // MOST_POINTS)]
 
 
 def _each_channel(found: Assessment, height: float, x_label: str, y_label: str, draw: Any) -> Any:
@@ -152,7 +152,7 @@ def _signals(found: Assessment) -> Any:
             panel.plot(_thinned(t), _thinned(y[:, k]), color=style.OTHERS, linewidth=2.2, label=said[0])
             panel.plot(_thinned(t), _thinned(y[:, k] - e[:, k]), color=style.BLUE, linewidth=0.9, label=said[1])
 
-    return _each_channel(found, 1.25, "time [s]", f"[{UNITS[found.by]}]", draw)
+    return _each_channel(found, 1.25, "time [s]", f"[{UNIT_OF[found.by]}]", draw)
 
 
 def _residuals(found: Assessment) -> Any:
@@ -163,7 +163,7 @@ def _residuals(found: Assessment) -> Any:
             panel.plot(_thinned(t), _thinned(e[:, k]), color=style.VERMILLION, linewidth=0.7)
         panel.axhline(0.0, color=style.BLACK, linewidth=0.5)
 
-    return _each_channel(found, 1.0, "time [s]", f"[{UNITS[found.by]}]", draw)
+    return _each_channel(found, 1.0, "time [s]", f"[{UNIT_OF[found.by]}]", draw)
 
 
 def _spectra(found: Assessment) -> Any:
@@ -184,13 +184,13 @@ def _spectra(found: Assessment) -> Any:
             max(white, 1e-15), color=style.BLACK, linewidth=0.8, linestyle="--", label="white noise of its size"
         )
 
-    return _each_channel(found, 1.1, "frequency [Hz]", f"[({UNITS[found.by]})/√Hz]".replace("N m or N", "N m"), draw)
+    return _each_channel(found, 1.1, "frequency [Hz]", f"[({UNIT_OF[found.by]})/√Hz]".replace("N m or N", "N m"), draw)
 
 
 def _parameters(found: Assessment) -> Any:
     """Return the figure of parameters before and after, in units of the prior's deviation about the model's value."""
     made, bars = found.found, _bars(found)
-    order = np.argsort(bars / np.maximum(made.believed, 1e-300))[:MOST_PARAMETERS]
+    order = np.argsort(bars / np.maximum(made.believed, 1e-300))[:MOST_BARS]
     order = np.sort(order)
     unsure = {*made.kept, *made.partly}
     with style.new_figure(2 * style.COLUMN, 0.17 * len(order) + 0.9) as figure:

@@ -11,7 +11,7 @@ from holdfast.io.files import file_path, write_atomically
 from holdfast.view.embedded import escaped
 from holdfast.view.inline import image
 
-STYLE = (
+PAGE_STYLE = (
     "body{font:15px/1.45 system-ui,sans-serif;color:#222;background:#fff;"
     "max-width:60rem;margin:2rem auto;padding:0 1rem}"
     "h1{font-size:1.5rem;margin:0 0 .3rem}h2{font-size:1.1rem;margin:2rem 0 .5rem;border-bottom:1px solid #ddd}"
@@ -53,7 +53,7 @@ def report_page(title: str, verdict: str, good: bool, sections: Sequence[Section
     parts = [_section(one) for one in sections if one.text or one.rows or one.figures]
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escaped(title)}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head><body>'
+        f'<meta name="viewport" content="width=device-width"><style>{PAGE_STYLE}</style></head><body>'
         f'<h1>{escaped(title)}</h1><p class="{"good" if good else "bad"}"><b>{escaped(verdict)}</b></p>'
         f"{''.join(parts)}</body></html>\n"
     )
