@@ -22,6 +22,7 @@ from holdfast.robots import ur5e
 TOOL, SHIFTED = [0.0, 0.0, 0.16], [0.0, -0.057, -0.10]  # guesses: tool on the flange, marker offset in base axes [m]
 HELD = 20.0  # [N] normal force of both arms from which the box counts as held
 LIFTED = 0.01  # [m] above the lowest
+OFF_THE_TABLE = 0.05  # m above the lowest tool position; lower, the box was seen to stand on the table
 STEP = 5  # every fifth sample, 10 Hz
 G = 9.81
 
@@ -113,11 +114,15 @@ def forces(runs: dict[str, dict[str, Any]]) -> None:
     """Print the difference of the masses, from an offset and a scale of the summed forces on the first halves.
 
     What each arm carries is not known, so the two sensors have one scale and the sum of their offsets in common.
+    Samples in which the box may stand on the table are left out. Horizontal forces of the arms must cancel, so that
+    what is left of them shows how large the errors of the forces are.
     """
     rows, halves = {}, {}
     for name, run in runs.items():
         k = held(run)
-        k = k[np.argsort(run["t"][k])]
+        k = k[run["tcp_L_z"][k] > run["tcp_L_z"].min() + OFF_THE_TABLE]
+        across = np.hypot(*(columns(run, "force_L_x", "force_L_y") - columns(run, "force_R_x", "force_R_y"))[k].T)
+        print(f"\n{name}: {len(k)} samples off the table; horizontal forces that should cancel: {across.mean():.1f} N")
         rows[name] = np.column_stack([run["force_L_z"][k], run["force_R_z"][k]])
         halves[name] = len(k) // 2
     mass = {name: float(name.removeprefix("dual_ur5e_").removesuffix("kg")) for name in runs}

@@ -32,6 +32,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 PostureSource = Postures | Recording | ArrayLike | str | PathLike[str]
+INDEPENDENT = 1.5  # factor of the covariance for dependent residuals, below which these may be noise of joints
 CONTRADICTED = 6.0  # standard deviations by which the model's values fit worse, above which a note is added
 
 
@@ -175,8 +176,8 @@ def calibrate(
         prior: by group, or by `group:name`, the standard deviation of the model's values: one number [rad and m], or a
             pair for turns and shifts. The values of others are not known beforehand.
         noise: standard deviations of the errors. With None, those of angles and lengths of all closures, of every
-            measurement, and of the positions of all joints, are estimated from the residuals, and covariances are
-            increased if residuals of successive postures depend on each other.
+            measurement, and of the positions of all joints, are estimated from the residuals. If residuals of
+            successive postures depend on each other, they are not noise of joints: then covariances are increased.
         held_out: postures that are not used, for `Calibration.held_out`.
         robust: whether postures whose residuals exceed the noise count less, by Huber's weights.
         largest_deviation: a direction without a prior is estimated if its standard deviation is below this [rad or m].
@@ -203,6 +204,9 @@ def calibrate(
     problem = problem_of(Problem(layout, given.q, np.zeros(0), noise, sizes, known, robust), given)
     _require_enough(problem)
     found = fit(problem)
+    if noise is None and found.widening < INDEPENDENT:  # errors of joints do not depend on the posture before
+        problem = replace(problem, noisy_joints=True)
+        found = fit(problem)
     return _calibration(chain, problem, found, held_out)
 
 

@@ -42,6 +42,7 @@ class Problem(Frozen):
         sizes: (p,) sizes of the unknowns.
         known: (p,) 1 for an unknown with a prior, whose standard deviation is its size; else 0.
         robust: whether postures that fit badly count less.
+        noisy_joints: whether the noise of joints is estimated, too, if `noise` is None.
     """
 
     layout: FrameLayout
@@ -51,6 +52,7 @@ class Problem(Frozen):
     sizes: Array
     known: Array
     robust: bool = False
+    noisy_joints: bool = False
 
     @property
     def rows(self) -> list[tuple[int, str]]:
@@ -76,7 +78,8 @@ class Problem(Frozen):
     def joint_channels(self) -> tuple[list[str], Array]:
         """Names of the channels of the joints' noise, if it is to be estimated, and that of every freedom, or -1."""
         kind = self._kind_of_freedom
-        names = [name for name in JOINT_CHANNELS if self.noise is None and (kind == name).any()]
+        sought = self.noisy_joints and self.noise is None
+        names = [name for name in JOINT_CHANNELS if sought and (kind == name).any()]
         return names, np.array([names.index(one) if one in names else -1 for one in kind.tolist()], dtype=int)
 
     @property

@@ -31,7 +31,7 @@ from holdfast.spatial.scalar import Array
 
 LARGEST_ORDER = 30  # of the autoregressive process
 SAMPLES_PER_ORDER = 12  # fewer samples than this per coefficient tell no order
-ROUNDS = 6  # of process and fit
+MOST_FITS = 6  # of process and fit
 FREQUENCIES = 4096  # around the circle, at which densities are evaluated
 SAME_DENSITY = 0.01  # relative change of the density of slow noise that ends them
 
@@ -87,7 +87,7 @@ def autoregressions(
     """
     slopes = slopes / np.sqrt(known)
     found, size = _processes(errors[:, :, None], shares, parts)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_FITS):
         if all(len(one.a) == 1 for one in found):
             break
         whole = np.concatenate([slopes, errors[:, :, None]], axis=2)
