@@ -77,7 +77,8 @@ SAME_EVERYWHERE = {
     "Cylinder",
     "Sphere",
     "Cone",
-}  # tables of the built-in robots; shapes of pictures and of the world; cones of forces; of arrays in the compiler
+    "Hole",
+}  # tables of the built-in robots; shapes of pictures and of the world; cones of forces; of arrays in the compiler; holes in its loops
 
 
 @functools.cache

@@ -110,7 +110,8 @@ def with_modes(
         return evaluate(*of, generic_rank=generic_rank, held=held).result.object_acceleration
 
     found = decided(free.chain, origin.state, accelerate, held, by)
-    rows = contact_rows(touching, found.state.object_frame, found.state.object_twist)
+    assert free.chain.touching is not None
+    rows = contact_rows(free.chain.touching, found.state.object_frame, found.state.object_twist)
     news = _log(origin.t, touching.names, None if before is None else before.modes, found)
     sums = sums._replace(impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + found.outer_impulse)
     least_gap = None if segment.settings.by_impulses else np.minimum(rows.gap, 0.0)

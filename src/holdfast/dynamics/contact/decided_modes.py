@@ -125,7 +125,7 @@ def decided(
             left_out = (found.impulse[:, 2] > 0.0) & ~rebounds[closed] & (rows.restitution[closed] > 0.0)
             slow[closed] = np.where(left_out, -before[:, 2], slow[closed])
             total[closed] += np.einsum("kia,ki->ka", rows.axes[closed], found.impulse)
-            change += found.energy_change
+            change += found.energy_change + float((found.impulse * rows.carried[closed]).sum())
             jump, solution = impulse_response(motion, state, found.wrench)
             base += _base_impulse(motion, solution)
             state = quickened(state, jump)
