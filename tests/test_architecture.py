@@ -78,7 +78,7 @@ SAME_EVERYWHERE = {
     "Sphere",
     "Cone",
     "Hole",
-}  # tables of the built-in robots; shapes of pictures and of the world; cones of forces; of arrays in the compiler; holes in its loops
+}  # tables of the built-in robots; shapes of pictures and of the world; cones of forces; of arrays in the compiler
 
 
 @functools.cache

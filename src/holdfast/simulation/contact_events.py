@@ -59,6 +59,12 @@ def require_contacts(
                 " ClosedChain(..., touching=holdfast.world.Touching(points, world))"
             )
         return
+    wandering = [one.name for one in chain.touching.candidates if one.feature.wanders]
+    if wandering and contacts != IMPULSES_WAY:
+        raise MethodNotApplicable(
+            f"contacts: expected contacts='steps' for circles such as '{wandering[0].split('.')[0]}', whose two nearest"
+            " places change their order in a run"
+        )
     if scheme.adaptive:
         raise MethodNotApplicable(f"scheme: expected fixed steps with contacts, got {scheme.name!r}; try 'rk4'")
     if on_singular != "stop":

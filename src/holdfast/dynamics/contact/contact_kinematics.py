@@ -52,7 +52,7 @@ class RigidMotion(NamedTuple):
         return self.acceleration[3:] + cross(self.acceleration[:3], arm) + turned
 
 
-class ContactPlace(NamedTuple):
+class NearestPlace(NamedTuple):
     """Where a feature is nearest to a shape.
 
     Attributes:
@@ -75,12 +75,12 @@ class ContactPlace(NamedTuple):
     world_normal: Array
 
 
-def meeting(candidate: Candidate, held: RigidMotion) -> ContactPlace:
+def meeting(candidate: Candidate, held: RigidMotion) -> NearestPlace:
     """Return where a candidate's feature and shape meet. O(1).
 
     Args:
         candidate: the feature and the shape, one of which is on the object.
-        held: motion of the object about C; its acceleration is 0 for what `ContactPlace` leaves out.
+        held: motion of the object about C; its acceleration is 0 for what `NearestPlace` leaves out.
     """
     feature, shape = candidate.feature, candidate.shape
     if candidate.reverse:
@@ -114,10 +114,10 @@ def meeting(candidate: Candidate, held: RigidMotion) -> ContactPlace:
     y, y_A, y_B = c - r * n, arm - r * n, from_B - r * n
     relative = A.rate(y_A, moving) - B.rate(y_B, moving)
     if candidate.reverse:
-        return ContactPlace(found.phi - r, y, -n, -relative, normal_rate, np.zeros(3), np.zeros(3))
+        return NearestPlace(found.phi - r, y, -n, -relative, normal_rate, np.zeros(3), np.zeros(3))
     running, running_rate = _running(shape, y_B, moving)
     of_world = B.velocity(y_B)
-    return ContactPlace(found.phi - r, y, n, relative - running_rate, normal_rate, of_world + running, of_world)
+    return NearestPlace(found.phi - r, y, n, relative - running_rate, normal_rate, of_world + running, of_world)
 
 
 STANDS_STILL = RigidMotion(Pose.identity(), np.zeros(6), np.zeros(6))
