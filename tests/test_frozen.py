@@ -118,6 +118,7 @@ def examples() -> dict[str, Any]:
         hf.Spring(("world", [0, 0, 1]), ("object", [0, 0, 0]), 5.0),
         touching := hf.world.Touching({"tip": hf.world.Sphere(np.zeros(3), 0.1)}, shapes()),
         *(touching.points["tip"], *touching.world.values()),
+        hf.world.Circle(np.zeros(3), [0.0, 0.0, 1.0], 0.1),
         hf.touch(replace(chain, touching=touching), state),
         hf.dynamics.solve_contacts(np.eye(6), np.eye(6)[None, 3:], [[0.0, 0.0, -1.0]], [0.2]),
         hf.Anchor(hf.Pose.translation(0, 0, 1)),

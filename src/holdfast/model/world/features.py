@@ -71,8 +71,8 @@ class Circle(Frozen):
     x(theta) = centre + radius (cos theta e1 + sin theta e2),  gap = phi(x) - thickness at d phi / d theta = 0
 
     Two places of a circle may touch a shape at once, so that it makes two contacts, "rim.a" and "rim.b": the nearest
-    place, and the nearest one at least a quarter turn away from it. Both are found by Newton's method from the nearest of
-    eight samples, so that of two minima closer than an eighth of a turn only one is seen. Flat on a plane, a circle
+    place, and the nearest one at least a quarter turn away from it. Both are found by Newton's method from the nearest
+    of eight samples, so that of two minima closer than an eighth of a turn only one is seen. Flat on a plane, a circle
     touches all round, and two places do not keep it level: points beside it do.
 
     Attributes:

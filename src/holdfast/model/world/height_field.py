@@ -16,6 +16,7 @@ from holdfast.spatial.scalar import Array, Scalar, array, clip, maximum, sqrt, w
 from holdfast.spatial.vector import outer
 
 FOOT_STEPS = 8
+MOST_SPACINGS = 1e6  # of heights: steeper ground has no digits left
 
 
 @called
@@ -46,8 +47,14 @@ class HeightField(WorldShape):
         heights = checks.numbers(self.heights, None, f"{what}: heights")
         if heights.ndim != 2 or min(heights.shape) < 4:
             raise ModelError(f"{what}: heights: expected shape (rows, columns) of at least (4, 4), got {heights.shape}")
+        spacing = checks.number(self.spacing, f"{what}: spacing", above=0.0)
+        if not (steepest := float(np.abs(heights).max())) <= MOST_SPACINGS * spacing:
+            raise ModelError(
+                f"{what}: heights: expected at most {MOST_SPACINGS:g} times the spacing of {spacing:g} m, got"
+                f" {steepest:g} m; try another spacing, or a pose"
+            )
         object.__setattr__(self, "heights", heights)
-        object.__setattr__(self, "spacing", checks.number(self.spacing, f"{what}: spacing", above=0.0))
+        object.__setattr__(self, "spacing", spacing)
 
     @frozen_property
     def coefficients(self) -> Array:

@@ -117,7 +117,7 @@ class Touching(Frozen):
 
     def _known(self, pair: Any) -> tuple[str, str]:
         """Return a pair whose names are known."""
-        if checks.is_listed(pair) and len(pair) == 2 and all(isinstance(name, str) for name in pair):
+        if isinstance(pair, list | tuple) and len(pair) == 2 and all(isinstance(name, str) for name in pair):
             of_object, of_world = pair[0] in self.points, pair[0] in self.edges
             if (of_object and pair[1] in self.world) or (of_world and pair[1] in self.solids):
                 return (pair[0], pair[1])
@@ -201,6 +201,7 @@ def require_enough_points(touching: Touching) -> None:
             )
 
 
+@called
 def corners(x: float, y: float, z: float) -> dict[str, ArrayLike]:
     """Return the eight corners of a box with C at its centre, by the signs of their coordinates, such as "+-+".
 
