@@ -8,7 +8,7 @@ from tests.fuzz.fuzzed import fuzzed
 
 pytest.importorskip("coal", reason="needs coal: pip install 'holdfast[dev]'")
 
-from tests.fuzz import world_calls  # noqa: E402, F401 (adds its calls)
+from tests.fuzz import world_calls  # noqa: F401 (adds its calls)
 
 NAMES = sorted(name for name in CALLS if name.startswith("world."))
 

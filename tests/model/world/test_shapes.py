@@ -136,7 +136,7 @@ def test_box_against_sampled_distance():
         (lambda: Hole(radius=0.1, chamfer=1e-5), "smaller edge"),
         (lambda: Hole(radius=0.1), "chamfer"),
         (lambda: Rod(radius=0.1, half_length=1e-5), "smaller edge"),
-        (lambda: HeightField(heights=[[0.0, 1.0]], spacing=0.1), rr"rows, columns"),
+        (lambda: HeightField(heights=[[0.0, 1.0]], spacing=0.1), r"rows, columns"),
         (lambda: HeightField(heights=np.zeros((4, 4)), spacing=0.0), "spacing"),
         (lambda: ConvexMesh(vertices=np.zeros((3, 3))), r"\(m, 3\)"),
         (lambda: ConvexMesh(vertices=np.eye(4)[:, :3] * [1, 1, 0]), "one plane"),
