@@ -77,6 +77,7 @@ SAME_EVERYWHERE = {
     "Cylinder",
     "Sphere",
     "Cone",
+    "Hole",
 }  # tables of the built-in robots; shapes of pictures and of the world; cones of forces; of arrays in the compiler
 
 

@@ -59,7 +59,9 @@ def shapes() -> dict[str, Any]:
     """Return shapes of the world of all kinds."""
     solids = hf.world.HalfSpace(normal=np.array([0.0, 0.0, 1.0])), hf.world.Box(half=np.ones(3))
     of_radius = hf.world.Ball(radius=1.0), hf.world.Cylinder(radius=1.0), hf.world.Cone(angle=0.4)
-    return {type(one).__name__: one for one in (*solids, *of_radius)}
+    of_edges = hf.world.Hole(radius=1.0, chamfer=0.1), hf.world.Rod(radius=1.0, half_length=1.0)
+    free = hf.world.HeightField(heights=np.ones((4, 4)), spacing=0.1), hf.world.ConvexMesh(vertices=np.eye(4)[:, :3])
+    return {type(one).__name__: one for one in (*solids, *of_radius, *of_edges, *free)}
 
 
 @cache
@@ -118,6 +120,7 @@ def examples() -> dict[str, Any]:
         hf.Spring(("world", [0, 0, 1]), ("object", [0, 0, 0]), 5.0),
         touching := hf.world.Touching({"tip": hf.world.Sphere(np.zeros(3), 0.1)}, shapes()),
         *(touching.points["tip"], *touching.world.values()),
+        hf.world.Circle(np.zeros(3), [0.0, 0.0, 1.0], 0.1),
         hf.touch(replace(chain, touching=touching), state),
         hf.dynamics.solve_contacts(np.eye(6), np.eye(6)[None, 3:], [[0.0, 0.0, -1.0]], [0.2]),
         hf.Anchor(hf.Pose.translation(0, 0, 1)),

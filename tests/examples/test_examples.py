@@ -39,7 +39,7 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 def test_the_ladder():
     """None longer than a hundred lines, each in the table of the folder's README."""
-    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in (*range(1, 18), *range(19, 24), 25)]
+    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in (*range(1, 18), *range(19, 26))]
     table = (EXAMPLES / "README.md").read_text()
     for path in SCRIPTS:
         assert len(path.read_text().splitlines()) <= 100, path.name
@@ -304,6 +304,18 @@ def test_two_hands(run):
         assert one["moved"] < 1e-9
         assert one["pressing"][3:] == pytest.approx(found["points"]["pressing"][3:], rel=1e-9)
     assert "here and nearby: among grasp 'left/tip1', grasp 'left/tip2', grasp 'left/tip3'" in printed
+
+
+@pytest.mark.slow
+def test_touch_the_world(run):
+    """The box slides as far as Coulomb's law lets it; the wall bears 20 N; the peg is in the hole."""
+    found, printed = run("24")
+    v = (5.0 - 0.3 * 9.81) * 0.3
+    assert found["distance"] == pytest.approx(0.5 * 0.3 * v + v**2 / (2 * 0.3 * 9.81), abs=1e-9)
+    assert found["force"] == pytest.approx(20.0, abs=1e-2)
+    assert found["depth"] > 0.01 and found["aside"] < 1e-3
+    assert found["imbalance"] < 1e-2
+    assert "0.1573 m" in printed
 
 
 @pytest.mark.slow

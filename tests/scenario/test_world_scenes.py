@@ -76,3 +76,31 @@ def test_refusals(old: str, new: str, message: str):
     assert old in SLIDE
     with pytest.raises(SceneError, match=message):
         scene(SLIDE.replace(old, new, 1))
+
+
+def test_peg_and_hole():
+    """A hole, a rod on the object, circles on both sides, ground, and a table that moves."""
+    shapes = """[
+        { name = "hole", type = "hole", radius = 0.05, chamfer = 0.01, depth = 0.02, edge = 0.001, MOTION },
+        { name = "post", type = "rod", radius = 0.05, half_length = 0.2 },
+        { name = "ground", type = "height_field", spacing = 0.1, heights = [
+            [0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]] },
+    ]"""
+    shapes = shapes.replace("MOTION", "base_motion.shift = { amplitude = [0.1, 0, 0], frequency = [1, 1, 1] }")
+    text = re.sub(r"world = .*", f"world = {shapes}", SLIDE).replace("[0, 0, 0.45]", "[0, 0, 100]")
+    text = text.replace(
+        'points = "corners"',
+        'circles = { rim = { centre = [0, 0, -0.05], axis = [0, 0, 1], radius = 0.04 } }, solids = [{ name = "peg",'
+        ' type = "rod", radius = 0.04, half_length = 0.05 }], edges = { edge = { centre = [0, 0, 0], axis = [0, 0, 1],'
+        " radius = 0.051, thickness = 0.001 } }",
+    )
+    found = scene(text)
+    touching = found.chain.touching
+    assert touching is not None
+    assert touching.names[:3] == ("rim.a/hole", "rim.b/hole", "rim.a/post") and touching.names[-1] == "edge.b/peg"
+    hole, _, ground = touching.world.values()
+    assert isinstance(hole, hf.world.Hole) and hole.depth == 0.02
+    assert isinstance(ground, hf.world.HeightField) and ground.heights[1, 1] == 1.0
+    assert list(found.options["base_motion"]) == ["hole"]
+    pose, twist, _ = found.options["base_motion"]["hole"](1.0)
+    assert pose.p[0] == pytest.approx(0.0, abs=1e-12) and twist[3] == pytest.approx(0.2 * np.pi)

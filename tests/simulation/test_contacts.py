@@ -226,7 +226,10 @@ def test_words():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"on_slip": "stopp"}, "on_slip: expected one of stop, record, release, slide, got 'stopp'. Did you mean 'stop'?"),
+        (
+            {"on_slip": "stopp"},
+            "on_slip: expected one of stop, record, release, slide, got 'stopp'. Did you mean 'stop'?",
+        ),
         ({"on_limit": "release"}, "on_limit: expected one of record, stop"),
         ({"scheme": "rk5"}, "no 'rk5'. Did you mean 'rk4'?"),
         ({"breakpoints": [np.nan]}, "breakpoints: expected finite numbers"),

@@ -8,7 +8,20 @@ from holdfast.view.chain_scene import ChainScene
 from holdfast.view.playback import playback_of_run
 from holdfast.view.scene_writer import SceneWriter, viewer_server
 from holdfast.view.world_drawing import placed_mesh, touching_points
-from holdfast.world import Ball, Box, Cone, Cylinder, HalfSpace, Sphere, Touching
+from holdfast.world import (
+    Ball,
+    Box,
+    Circle,
+    Cone,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    HeightField,
+    Hole,
+    Rod,
+    Sphere,
+    Touching,
+)
 
 AT = hf.Pose.from_rpy(0.3, -0.5, 1.1, xyz=[0.4, -0.2, 0.7])
 NEAR = np.array([0.5, 0.1, 0.6])
@@ -22,6 +35,10 @@ NEAR = np.array([0.5, 0.1, 0.6])
         Cylinder(radius=0.2, inside=True, pose=AT),
         Cone(angle=0.4, pose=AT),
         Box(half=[0.1, 0.2, 0.3], edge=1e-9, pose=AT),
+        Hole(radius=0.1, chamfer=0.05, edge=0.02, pose=AT),
+        Rod(radius=0.1, half_length=0.3, edge=0.02, pose=AT),
+        HeightField(heights=0.05 * np.random.default_rng(1).normal(size=(5, 4)), spacing=0.2, pose=AT),
+        ConvexMesh(vertices=np.random.default_rng(2).normal(size=(20, 3)), pose=AT),
     ],
     ids=lambda shape: type(shape).__name__,
 )
@@ -46,5 +63,24 @@ def test_a_run_without_arms():
     assert playback.touch_force is not None
     np.testing.assert_allclose(playback.touch_force[-1], [[0, 0, 19.62]], atol=1e-9)
     np.testing.assert_allclose(touching_points(playback, 0), [[0.3, 0, 0]], atol=1e-12)
+    with viewer_server() as server:
+        ChainScene(SceneWriter(server), playback).show(len(playback) - 1)
+
+
+def test_moving_shapes_and_circles():
+    """A table that moves is drawn where it is in each frame, a rim with its object."""
+    touching = Touching({"rim": Circle([0, 0, -0.1], [0, 0, 1], 0.1)}, {"table": HalfSpace()})
+    chain = hf.ClosedChain({}, hf.HeldObject.cylinder(1.0, 0.1, 0.2), {}, touching=touching)
+
+    def rising(t):
+        return hf.Pose.translation(0, 0, t * t), [0, 0, 0, 0, 0, 2 * t], [0, 0, 0, 0, 0, 2]
+
+    motion = {"table": rising}
+    start = hf.State([], [], hf.Pose.translation(0, 0, 0.2))
+    law = lambda t, state, memory: (np.zeros(0), memory)  # noqa: E731
+    run = hf.simulate(chain, start, law, 0.04, 0.01, base_motion=motion, contacts="steps")
+    playback = playback_of_run(chain, run, base_motion=motion)
+    assert playback.touching[-1].world["table"].pose.p[2] == pytest.approx(0.04**2)
+    np.testing.assert_allclose(touching_points(playback, -1)[:, 2], run.object_pose[-1, 6] - 0.1, atol=1e-12)
     with viewer_server() as server:
         ChainScene(SceneWriter(server), playback).show(len(playback) - 1)

@@ -29,7 +29,7 @@ from holdfast.model.link import Link
 from holdfast.model.spring import Spring
 from holdfast.model.trunk import Trunk
 from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Sphere, Visual, Visuals
-from holdfast.model.world import solids, touching
+from holdfast.model.world import convex_mesh, features, height_field, holes, solids, touching
 from holdfast.spatial.pose import Pose
 
 
@@ -44,7 +44,8 @@ MODEL_CLASSES = {
     for kind in (
         Anchor, Arm, Box, Capsule, ClosedChain, Closure, Coupling, Cylinder, Friction, Grasp, HeldObject, Joint, Link,
         Visuals, Mesh, Pose, Sphere, Spring, SpringEnd, Trunk, Visual, WrenchLimits,
-        solids.Ball, solids.Box, solids.Cone, solids.Cylinder, solids.HalfSpace, touching.Sphere, touching.Touching,
+        solids.Ball, solids.Box, solids.Cone, solids.Cylinder, solids.HalfSpace, holes.Hole, holes.Rod,
+        height_field.HeightField, convex_mesh.ConvexMesh, features.Sphere, features.Circle, touching.Touching,
     )
 }  # fmt: skip
 IS = "is"  # the key under which data say what they are

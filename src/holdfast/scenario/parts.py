@@ -22,11 +22,15 @@ from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.spring import Spring
 from holdfast.model.trunk import Trunk
+from holdfast.model.world.features import Circle, Sphere
+from holdfast.model.world.height_field import HeightField
+from holdfast.model.world.holes import Hole, Rod
 from holdfast.model.world.shape import WorldShape
 from holdfast.model.world.solids import Ball, Box, Cone, Cylinder, HalfSpace
-from holdfast.model.world.touching import Sphere, Touching, corners
+from holdfast.model.world.touching import Touching, corners
 from holdfast.scenario import scene, world_tables
 from holdfast.scenario.joints import inertia_and_shape, pose, require_names
+from holdfast.scenario.table import BaseMotionTable, SwayTable
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, cos, sin
@@ -93,6 +97,9 @@ WORLD_SHAPES: dict[type[world_tables.ShapeTable], type[WorldShape]] = {
     world_tables.CylinderTable: Cylinder,
     world_tables.ConeTable: Cone,
     world_tables.RoundedBoxTable: Box,
+    world_tables.HoleTable: Hole,
+    world_tables.RodTable: Rod,
+    world_tables.HeightFieldTable: HeightField,
 }
 
 
@@ -114,25 +121,44 @@ def touching(data: scene.SceneTable, at: Location) -> Touching | None:
     if not data.world:
         raise here.refuse("expected shapes in [[world]] beside it, got none")
     require_names((one.name for one in data.world), at / "world", "name")
-    shapes = {}
-    for i, one in enumerate(data.world):
-        keys = {key: getattr(one, key) for key in one.__struct_fields__ if key not in ("name", "pose")}
-        frame = pose(one.pose, at / "world" / i / "pose")
-        with (at / "world" / i).refusals():
-            shapes[one.name] = WORLD_SHAPES[type(one)](pose=frame, **keys)
-    points: Mapping[str, ArrayLike]
-    if isinstance(given.points, dict):
-        points = given.points
+    shapes = _shapes(data.world, at / "world")
+    points: dict[str, ArrayLike]
+    if given.points != "corners":
+        points = {**(given.points or {})}
     elif data.object.box is None:
         raise (here / "points").refuse(
             "expected points by name for an object that is no box; 'corners' are those of one"
         )
     else:
         points = {name: np.add(data.object.com, x) for name, x in corners(*data.object.box).items()}
+    if twice := [name for name in given.circles if name in points]:
+        raise (here / "circles" / twice[0]).refuse("expected another name, as a point has it")
+    for i, one in enumerate(given.solids):
+        if one.base_motion is not None:
+            raise (here / "solids" / i / "base_motion").refuse("expected none, as the solid is on the object")
+    require_names((one.name for one in given.solids), here / "solids", "name")
+    solids = _shapes(given.solids, here / "solids")
     with here.refusals():
-        return Touching({name: Sphere(x, given.radius) for name, x in points.items()}, shapes, given.pairs)
+        spheres = {name: Sphere(x, given.radius) for name, x in points.items()}
+        circles, edges = (
+            {name: Circle(x.centre, x.axis, x.radius, x.thickness) for name, x in of.items()}
+            for of in (given.circles, given.edges)
+        )
+        return Touching({**spheres, **circles}, shapes, given.pairs, solids, edges)
 
 
+def _shapes(tables: Sequence[world_tables.ShapeTable], at: Location) -> dict[str, WorldShape]:
+    """Return the shapes of some tables, by name."""
+    shapes = {}
+    for i, one in enumerate(tables):
+        keys = {key: getattr(one, key) for key in one.__struct_fields__ if key not in NO_SHAPE_KEYS}
+        frame = pose(one.pose, at / i / "pose")
+        with (at / i).refusals():
+            shapes[one.name] = WORLD_SHAPES[type(one)](pose=frame, **keys)
+    return shapes
+
+
+NO_SHAPE_KEYS = ("name", "pose", "base_motion")
 QUICKEST_START = 1e-6  # [s]; a shorter start would be a jump
 HIGHEST_FREQUENCY = 1e4  # [Hz]; beyond any real base motion
 
@@ -219,13 +245,13 @@ class Pushes:
         return [float(t) for t in (*self.begins, *self.ends) if np.isfinite(t)]
 
 
-def swaying_base(data: scene.BaseMotionTable, rest: Pose, at: Location) -> SwayingBase:
+def swaying_base(data: BaseMotionTable, rest: Pose, at: Location) -> SwayingBase:
     """Return a base's motion.
 
     Raises:
         SceneError: `smooth_start` is too short, or a number is impossible.
     """
-    still = scene.SwayTable(amplitude=(0.0, 0.0, 0.0), frequency=(0.0, 0.0, 0.0))
+    still = SwayTable(amplitude=(0.0, 0.0, 0.0), frequency=(0.0, 0.0, 0.0))
     turn, shift = data.turn or still, data.shift or still
     with at.refusals():
         return SwayingBase(

@@ -46,7 +46,7 @@ def simulation_options(data: SceneTable, chain: ClosedChain, at: Location) -> di
 
 
 def base_motions(data: SceneTable, chain: ClosedChain, at: Location) -> dict[str, parts.SwayingBase]:
-    """Return the motions of bases in the world, by arm name; "trunk" for the trunk.
+    """Return the motions of bases in the world, by arm name, "trunk" for the trunk, and of shapes of the world.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -59,6 +59,10 @@ def base_motions(data: SceneTable, chain: ClosedChain, at: Location) -> dict[str
     if data.trunk is not None and data.trunk.base_motion is not None:
         assert chain.trunk is not None
         moving[TRUNK] = parts.swaying_base(data.trunk.base_motion, chain.trunk.base, at / TRUNK / "base_motion")
+    shapes = () if chain.touching is None else [one.pose for one in chain.touching.world.values()]
+    for i, (one, rest) in enumerate(zip(data.world, shapes, strict=False)):
+        if one.base_motion is not None:
+            moving[one.name] = parts.swaying_base(one.base_motion, rest, at / "world" / i / "base_motion")
     return moving
 
 

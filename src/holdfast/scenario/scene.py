@@ -11,30 +11,11 @@ from holdfast.model.closed_chain import STANDARD_GRAVITY
 from holdfast.model.grasp import GraspName
 from holdfast.model.joint import ArmJointName
 from holdfast.scenario.controller_tables import ControllerTable
-from holdfast.scenario.table import ZEROS, KeyTable, NumberRows, PoseTable, Quaternion, Triple, Twist
+from holdfast.scenario.table import ZEROS, BaseMotionTable, KeyTable, NumberRows, PoseTable, Quaternion, Triple, Twist
 from holdfast.scenario.world_tables import TouchingTable, WorldTable
 from holdfast.simulation.adaptive import RTOL
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip
 from holdfast.simulation.run_record import EVERYTHING
-
-
-class SwayTable(KeyTable):
-    """Three sine oscillations: a sin(2 pi f t + phase) along or about each world axis."""
-
-    amplitude: Triple
-    frequency: Triple
-    phase: Triple = ZEROS
-
-
-class BaseMotionTable(KeyTable):
-    """A base that oscillates about its pose; the amplitude grows smoothly from zero within `smooth_start` seconds.
-
-    `shift` is in m; `turn` is in rad: roll, pitch, yaw about the base's origin.
-    """
-
-    shift: SwayTable | None = None
-    turn: SwayTable | None = None
-    smooth_start: float = 0.5
 
 
 class _Solid(KeyTable):

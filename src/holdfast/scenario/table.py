@@ -21,3 +21,22 @@ class PoseTable(KeyTable):
     position: Triple = ZEROS
     quaternion: Quaternion | None = None
     rpy: Triple | None = None
+
+
+class SwayTable(KeyTable):
+    """Three sine oscillations: a sin(2 pi f t + phase) along or about each world axis."""
+
+    amplitude: Triple
+    frequency: Triple
+    phase: Triple = ZEROS
+
+
+class BaseMotionTable(KeyTable):
+    """A base that oscillates about its pose; the amplitude grows smoothly from zero within `smooth_start` seconds.
+
+    `shift` is in m; `turn` is in rad: roll, pitch, yaw about the base's origin.
+    """
+
+    shift: SwayTable | None = None
+    turn: SwayTable | None = None
+    smooth_start: float = 0.5

@@ -6,28 +6,21 @@ from typing import Literal
 
 import msgspec
 
-from holdfast.scenario.table import KeyTable, PoseTable, Triple, Twist
-
-
-class TouchingTable(KeyTable):
-    """The points of the object that may touch the world, by name, or the corners of its box.
-
-    With a `radius` they are spheres. Every point may touch every shape, unless `pairs` says which.
-    """
-
-    points: dict[str, Triple] | Literal["corners"]
-    radius: float = 0.0
-    pairs: list[tuple[str, str]] | None = None
+from holdfast.scenario.table import BaseMotionTable, KeyTable, NumberRows, PoseTable, Triple, Twist
 
 
 class ShapeTable(KeyTable, kw_only=True):
-    """A solid of the world at a pose; its surface may run along itself, with a twist about the pose's origin."""
+    """A solid of the world at a pose; its surface may run along itself, with a twist about the pose's origin.
+
+    With `base_motion` it moves about that pose, like the base of an arm.
+    """
 
     name: str
     pose: PoseTable = msgspec.field(default_factory=PoseTable)
     friction: float = 0.0
     restitution: float = 0.0
     surface_twist: Twist = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    base_motion: BaseMotionTable | None = None
 
 
 class HalfSpaceTable(ShapeTable, kw_only=True, tag_field="type", tag="half_space"):
@@ -64,4 +57,54 @@ class RoundedBoxTable(ShapeTable, kw_only=True, tag_field="type", tag="box"):
     edge: float = 1e-4
 
 
-WorldTable = HalfSpaceTable | BallTable | CylinderTable | ConeTable | RoundedBoxTable
+class HoleTable(ShapeTable, kw_only=True, tag_field="type", tag="hole"):
+    """A hole with a chamfer, downwards from the plane z = 0 of its pose."""
+
+    radius: float
+    chamfer: float
+    depth: float | None = None
+    edge: float = 1e-4
+
+
+class RodTable(ShapeTable, kw_only=True, tag_field="type", tag="rod"):
+    """A cylinder of finite length about the origin of its pose, along z, with round rims."""
+
+    radius: float
+    half_length: float
+    edge: float = 1e-4
+
+
+class HeightFieldTable(ShapeTable, kw_only=True, tag_field="type", tag="height_field"):
+    """A smooth surface through heights on a grid, whose first point is the origin of its pose."""
+
+    heights: NumberRows
+    spacing: float
+
+
+WorldTable = (
+    HalfSpaceTable | BallTable | CylinderTable | ConeTable | RoundedBoxTable | HoleTable | RodTable | HeightFieldTable
+)
+
+
+class CircleTable(KeyTable):
+    """A circle, with a thickness that rounds it."""
+
+    centre: Triple
+    axis: Triple
+    radius: float
+    thickness: float = 0.0
+
+
+class TouchingTable(KeyTable):
+    """What of the object may touch the world: points by name or the corners of its box, circles, and solids.
+
+    With a `radius` the points are spheres. `edges` are circles that stand in the world and may touch the solids. Every
+    point and circle may touch every shape, unless `pairs` says which.
+    """
+
+    points: dict[str, Triple] | Literal["corners"] | None = None
+    radius: float = 0.0
+    pairs: list[tuple[str, str]] | None = None
+    circles: dict[str, CircleTable] = {}
+    solids: list[WorldTable] = []
+    edges: dict[str, CircleTable] = {}

@@ -19,6 +19,7 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.errors import HoldfastError, SingularChainError, StepTooLongError
+from holdfast.model.force_element import HELD_OBJECT
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import passive_terms
 from holdfast.simulation.margins import ViolationTracker, freedom_names
@@ -216,6 +217,8 @@ def _cause(window: Window) -> Cause | None:
     if window.begin.chain.beyond_serial:
         return None
     at, scheme, controller = window.begin, window.segment.scheme, window.segment.controller
+    if not at.chain.joint_count:
+        return None
     chain, state, passive = at.chain, at.state, passive_terms(at.chain)
     own, step = 0.0 if scheme.implicit else 1.0, window.segment.settings.longest_step
     sizes = [own * passive.resistance(state.qd), own * passive.stiffness]  # of dampers and of springs
@@ -258,6 +261,8 @@ def _working(window: Window, until: float, step: float) -> float:
 
 def _most_different(window: Window, until: float) -> str:
     """Return the joint whose motion differs most between whole steps and half steps."""
+    if not window.now.chain.joint_count:
+        return HELD_OBJECT
     whole, halves = (window.in_parts(until, parts).instant for parts in (1, 2))
     now = window.now
     rates = now.state.qd if whole is None or halves is None else whole.state.qd - halves.state.qd

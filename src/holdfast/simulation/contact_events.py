@@ -68,6 +68,12 @@ def require_contacts(
                 " ClosedChain(..., touching=holdfast.world.Touching(points, world))"
             )
         return
+    wandering = [one.name for one in chain.touching.candidates if one.feature.wanders]
+    if wandering and contacts != IMPULSES_WAY:
+        raise MethodNotApplicable(
+            f"contacts: expected contacts='steps' for circles such as '{wandering[0].split('.')[0]}', whose two nearest"
+            " places change their order in a run"
+        )
     if scheme.adaptive:
         raise MethodNotApplicable(f"scheme: expected fixed steps with contacts, got {scheme.name!r}; try 'rk4'")
     if on_singular != "stop":
@@ -138,7 +144,7 @@ def with_modes(
             segment = segment_with(segment, grasps, origin, modes.hands)
     if chain.touching is None and not modes.hands:
         return replace(segment, contacts=None, least_gap=None), origin, sums, news
-    gap = touching_rows(segment.environment.chain, origin.state, modes.hands).gap
+    gap = touching_rows(segment.environment.chain_at(origin.t), origin.state, modes.hands).gap
     least_gap = None if segment.settings.by_impulses else np.minimum(gap, 0.0)
     return replace(segment, contacts=modes, least_gap=least_gap), origin, sums, news
 

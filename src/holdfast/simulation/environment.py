@@ -34,7 +34,8 @@ class Environment:
 
     Attributes:
         chain: arms, object and grasps. Bases without a motion stay at the poses given in the chain.
-        base_motion: motions of the moving bases, by arm name, or "trunk" for the base of a trunk.
+        base_motion: motions of the moving bases, by arm name, or "trunk" for the base of a trunk, and of shapes of the
+            world that the object may touch, by their names.
         inputs: external wrenches, either constant or a function of t or of (t, state), see `take_state`. If they
             contain base motions, `base_motion` replaces those of the bases that it names.
     """
@@ -57,6 +58,12 @@ class Environment:
                     f"base motion '{name}': expected a function t -> (pose, twist, acceleration), got"
                     f" {type(self.base_motion[name]).__name__}"
                 )
+        for name, shape in () if self.chain.touching is None else self.chain.touching.world.items():
+            if (shape.twist.any() or shape.acceleration.any()) and name not in self.base_motion:
+                raise ModelError(
+                    f"shape '{name}': its twist is that of an instant, expected a motion for a run; try base_motion="
+                    f"{{'{name}': t -> (pose, twist, acceleration)}}, or surface_twist for a belt"
+                )
 
     def _require_base(self, name: str) -> None:
         """Refuse a motion for a name that has no base in the world."""
@@ -67,8 +74,15 @@ class Environment:
                     f"base motion '{TRUNK}': expected none, as the base floats: its motion is in the state"
                 )
             return
+        shapes = () if chain.touching is None else chain.touching.world
+        if name in shapes:
+            if name in chain.arms:
+                raise ModelError(f"base motion '{name}': an arm and a shape have this name; expected different names")
+            return
         if name not in chain.arms:
-            raise ModelError(f"base motion '{name}': no such arm.{checks.did_you_mean(name, chain.arms)}")
+            known = [*chain.arms, *shapes]
+            what = "arm or shape of the world" if shapes else "arm"
+            raise ModelError(f"base motion '{name}': no such {what}.{checks.did_you_mean(name, known)}")
         if name in chain.mounts:
             raise ModelError(
                 f"base motion '{name}': the arm stands on the trunk and moves with it; try the motion of '{TRUNK}'"
@@ -83,7 +97,7 @@ class Environment:
         """Return the chain with its bases at their poses at time t [s]."""
         if not self.base_motion:
             return self.chain
-        return mounted(self.chain, {name: pose for name, (pose, *_) in self._motions(t).items()})
+        return mounted(self.chain, self._motions(t))
 
     def at(self, t: Scalar, state: State) -> tuple[ClosedChain, Inputs]:
         """Return the chain with its bases at their poses at time t [s], and the inputs at that time and state."""
@@ -97,11 +111,13 @@ class Environment:
         for i, name in enumerate(self.chain.names):
             if name in motions:
                 _, twists[i], accelerations[i] = motions[name]
-        moving = replace(shaped, base_twists=array(twists), base_accelerations=array(accelerations))
+        moving = shaped
+        if any(name in motions for name in self.chain.arms):
+            moving = replace(shaped, base_twists=array(twists), base_accelerations=array(accelerations))
         if TRUNK in motions:
             _, twist, acceleration = motions[TRUNK]
             moving = replace(moving, trunk_base_twist=twist, trunk_base_acceleration=acceleration)
-        return mounted(self.chain, {name: pose for name, (pose, *_) in motions.items()}), moving
+        return mounted(self.chain, motions), moving
 
     def _motions(self, t: Scalar) -> dict[str, tuple[Any, Array, Array]]:
         """Return the poses, twists and accelerations of the moving bases."""
@@ -122,16 +138,22 @@ def motion_of(name: str, found: Any) -> tuple[Any, Array, Array]:
     return pose, twist, acceleration
 
 
-def mounted(chain: ClosedChain, bases: Mapping[str, Any]) -> ClosedChain:
-    """Return the chain with some bases at new poses; only these are checked, because this is called at every stage."""
-    arms, trunk = dict(chain.arms), chain.trunk
-    for name, base in bases.items():
+def mounted(chain: ClosedChain, motions: Mapping[str, tuple[Any, Array, Array]]) -> ClosedChain:
+    """Return the chain with some bases and shapes of the world at new poses, shapes with twist and acceleration.
+
+    Only the poses are checked, because this is called at every stage.
+    """
+    arms, trunk, shapes = dict(chain.arms), chain.trunk, {}
+    for name, (base, twist, acceleration) in motions.items():
         pose = checks.pose(base, f"base motion of '{name}'")
         if name == TRUNK and trunk is not None:
             trunk = changed(trunk, base=pose)
-        else:
+        elif name in arms:
             arms[name] = arms[name].standing_at(pose)
-    return changed(chain, arms=FrozenDict(arms), trunk=trunk)
+        else:
+            shapes[name] = (pose, twist, acceleration)
+    made = changed(chain, arms=FrozenDict(arms), trunk=trunk)
+    return changed(made, touching=made.touching.moved(shapes)) if shapes and made.touching is not None else made
 
 
 def take_state(given: GivenInputs) -> bool:

@@ -38,6 +38,7 @@ from holdfast.dynamics.projection import Change, displaced_by, largest_gaps, qui
 from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.world.touching import Touching
 from holdfast.simulation.contact_stepper import ContactStepper
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.step import Gaps, back_on_constraint
@@ -93,6 +94,7 @@ class ImpulseStepper(ContactStepper):
         """Return the chain one step later."""
         h, held, t = end - now.t, now.result.held, now.t + 0.5 * (end - now.t)
         middle = self._on_grasps(t, displaced_by(now.state, _scaled(0.5 * h, _velocity(now.state))), held)[0]
+        gap = contact_rows(_touching(now.chain), now.state.object_frame, now.state.object_twist).gap
         ends = at = found = None
         for _ in range(PASSES):
             moving = middle if ends is None else _between(middle, ends)
@@ -101,7 +103,7 @@ class ImpulseStepper(ContactStepper):
             acceleration = Change(at.result.qdd, at.result.object_acceleration, at.result.base_acceleration)
             free = quickened(middle, _scaled(h, acceleration))
             turning = free.object_twist if ends is None else ends.object_twist
-            found = impulses(at.chain, now.state, middle, free, turning, h, held)
+            found = impulses(at.chain, gap, middle, free, turning, h, held)
             ends = quickened(free, found.change)
         assert ends is not None and at is not None and found is not None
         if found.landed:
@@ -114,10 +116,11 @@ class ImpulseStepper(ContactStepper):
         later = replace(later, qd=moving.qd, object_twist=moving.object_twist, base_twist=moving.base_twist)
         later, gaps = self._on_grasps(end, later, held)
         closed = ContactModes(np.where(found.force[:, 2] > 0.0, ContactMode.CLOSED, ContactMode.OPEN), np.zeros((0, 3)))
-        later = pushed_out(at.chain, on_contacts(at.chain, later, closed, held, velocities=False), held)
+        later_chain = self.environment.chain_at(end)
+        later = pushed_out(later_chain, on_contacts(later_chain, later, closed, held, velocities=False), held)
         if at.chain.grasps:
             later, _ = self._on_grasps(end, later, held)  # what was pushed far, as by a landing, has opened them
-            later = pushed_out(at.chain, on_contacts(at.chain, later, closed, held, velocities=False), held)
+            later = pushed_out(later_chain, on_contacts(later_chain, later, closed, held, velocities=False), held)
             after = largest_gaps(at.chain, later, at.inputs.shaped(at.chain))
             both = (gaps.position[0], after.position), (gaps.velocity[0], after.velocity)
             gaps = Gaps(*(np.array(pair) for pair in both))
@@ -134,13 +137,13 @@ class ImpulseStepper(ContactStepper):
 
 
 def impulses(
-    chain: ClosedChain, start: State, middle: State, free: State, turning: Array, h: float, held: Array | None
+    chain: ClosedChain, gap: Array, middle: State, free: State, turning: Array, h: float, held: Array | None
 ) -> Impulses:
     """Return the impulses of the contacts within reach of a step. O(n) + O(l) + O(k).
 
     Args:
-        chain: the chain.
-        start: the state at the step's start.
+        chain: the chain, with its bases and shapes of the world in the middle of the step.
+        gap: (k,) gaps at the step's start [m].
         middle: that in its middle, with velocities of the start.
         free: the same with the velocities at the end without contacts.
         turning: (6,) the object's twist with which the rows turn from the middle to the end.
@@ -150,10 +153,8 @@ def impulses(
     Raises:
         StateError: no impulses satisfy the laws of contact.
     """
-    touching = chain.touching
-    assert touching is not None
-    gap = np.maximum(contact_rows(touching, start.object_frame, start.object_twist).gap, 0.0)
-    rows = contact_rows(touching, middle.object_frame, turning)
+    gap = np.maximum(gap, 0.0)
+    rows = contact_rows(_touching(chain), middle.object_frame, turning)
     u0, u1 = rows.velocity(middle.object_twist), rows.velocity(free.object_twist) + 0.5 * h * rows.drift
     own = 2.0 * h * float(np.linalg.norm(chain.gravity))
     reach = np.linalg.norm(u0, axis=1) + np.linalg.norm(u1, axis=1) + own
@@ -185,10 +186,8 @@ def impulses(
 
 def pushed_out(chain: ClosedChain, state: State, held: Array | None) -> State:
     """Return the state moved by the least displacement (kinetic metric) that ends penetrations."""
-    touching = chain.touching
-    assert touching is not None
     for _ in range(2):
-        rows = contact_rows(touching, state.object_frame, np.zeros(6))
+        rows = contact_rows(_touching(chain), state.object_frame, np.zeros(6))
         if rows.gap.min() >= -OPEN_BY:
             break
         near = np.flatnonzero(rows.gap < 1e-6)
@@ -200,11 +199,15 @@ def pushed_out(chain: ClosedChain, state: State, held: Array | None) -> State:
     return state
 
 
+def _touching(chain: ClosedChain) -> Touching:
+    assert chain.touching is not None
+    return chain.touching
+
+
 def _as_found(chain: ClosedChain, state: State, free: ForwardResult, force: Array, mode: Array) -> Touch:
     """Return the contacts with known forces."""
     del free
-    assert chain.touching is not None
-    rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
+    rows = contact_rows(_touching(chain), state.object_frame, state.object_twist)
     u, k = rows.velocity(state.object_twist), len(mode)
     return Touch(rows, force, u, ContactModes(mode, np.zeros((k, 3))), np.full(k, np.inf))
 

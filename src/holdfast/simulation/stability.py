@@ -148,7 +148,7 @@ def feedback(controller: Controller, now: Instant, along: Array, changed: Callab
         return checks.numbers(torques, (n,), "controller: torques", StateError)
 
     columns = [(asked(-PROBE * v) - asked(PROBE * v)) / (2.0 * PROBE) for v in along.T]
-    return np.reshape(columns, (-1, n)).T
+    return np.reshape(columns, (along.shape[1], n)).T
 
 
 def quicker(state: State, v: Array) -> State:

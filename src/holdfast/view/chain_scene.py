@@ -14,6 +14,7 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import Trunk
 from holdfast.model.visuals import Cylinder, Sphere
+from holdfast.model.world.features import Circle
 from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.robots.visuals import arm_length, chain_length, equivalent_box, visuals_of, visuals_of_trunk
 from holdfast.spatial import rotation
@@ -25,7 +26,7 @@ from holdfast.view.link_meshes import LinkMesh, meshes_of, surface_of_object
 from holdfast.view.playback import Playback, spring_ends
 from holdfast.view.poses import joint_poses, object_poses
 from holdfast.view.scene_writer import RGB, SceneWriter
-from holdfast.view.world_drawing import placed_mesh, touching_points
+from holdfast.view.world_drawing import circle_lines, placed_mesh, touching_points
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 TRUNK_NODE = f"/{TRUNK}"  # node of a trunk's base
@@ -61,7 +62,7 @@ class ChainScene:
         self._bodies = [*([TRUNK_NODE] if chain.floats else ()), *self._bodies, *self._objects.values()]
         self._cones = self._draw_contacts()
         self._draw_ground()
-        self._draw_world()
+        self._world = self._draw_world()
         self._reserves = {name: playback.reserve(name) for name in self._cones}
         for name in playback.holding:
             colour, node, shaft = figure_style.rgb(playback.colour(name)), _node(name), SHAFT_RADIUS * self._size
@@ -95,6 +96,9 @@ class ChainScene:
                 self._writer.place(node, pose[:4], pose[4:])
             for name in playback.holding:
                 self._point(name, k)
+            for name, (node, in_shape) in self._world.items():
+                at = playback.touching[k].world[name].pose @ in_shape
+                self._writer.place(node, rotation.to_quaternion(at.R), at.p)
             if playback.touch_force is not None:
                 tails = touching_points(playback, k)
                 for i, (tail, force) in enumerate(zip(tails, playback.touch_force[k], strict=True)):
@@ -260,19 +264,27 @@ class ChainScene:
         cell = markers.one_two_five(span / 25)
         self._writer.grid("/ground", Pose(turn, middle), float(np.ceil(span / (10 * cell)) * 10 * cell), cell)
 
-    def _draw_world(self) -> None:
-        """Draw the shapes that the object may touch, and arrows for the forces there."""
+    def _draw_world(self) -> dict[str, tuple[str, Pose]]:
+        """Draw what may touch, and arrows for the forces there; return node and pose in its shape of each surface."""
         touching = self.playback.chain.touching
         if touching is None:
-            return
-        near = self.playback.object_pose[0, 4:]
-        for name, shape in touching.world.items():
+            return {}
+        drawn, near = {}, self.playback.object_pose[0, 4:]
+        for name, shape in self.playback.touching[0].world.items():
             if (placed := placed_mesh(shape, near, WORLD_SIZE * self._size)) is not None:
                 self._writer.frame(f"/world/{_node(name)}", placed[0])
                 self._writer.mesh(f"/world/{_node(name)}/surface", placed[1], WORLD_GREY, WORLD_OPACITY)
+                drawn[name] = f"/world/{_node(name)}", shape.pose.inverse() @ placed[0]
+        (held,) = self._objects.values()
+        for name, one in [*touching.points.items(), *touching.edges.items()]:
+            if isinstance(one, Circle):
+                at = "/world" if name in touching.edges else held
+                thickness = LINE_THICKNESS * self._size
+                self._writer.lines(f"{at}/(circle) {_node(name)}", circle_lines(one), LINE_GREY, thickness)
         if self.playback.touch_force is not None:
             for i in range(len(touching.candidates)):
                 self._writer.arrows(f"/touching/{i}", 1, LINE_GREY, SHAFT_RADIUS * self._size)
+        return drawn
 
 
 def arm_colour(index: int) -> RGB:

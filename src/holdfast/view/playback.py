@@ -23,6 +23,7 @@ from holdfast.forces.row_wrenches import attitudes
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.grasp_rows import GraspRow, grasp_rows
+from holdfast.model.world.touching import Touching
 from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.instant import Instant
@@ -69,6 +70,7 @@ class Playback:
         limits: the limits that the controller keeps; None if it keeps none, or is not known.
         attached: names of grasps of a chain with branches that close later.
         touch_force: (frames, pairs, 3) forces of the world on the object at its points; None if it touches nothing.
+        touching: what may touch in each frame, with moving shapes of the world where they are; () if nothing may.
     """
 
     chain: ClosedChain
@@ -91,6 +93,7 @@ class Playback:
     limits: ForceLimits | None = None
     attached: Sequence[str] = ()
     touch_force: Array | None = None
+    touching: Sequence[Touching] = ()
 
     @cached_property
     def rows(self) -> Sequence[GraspRow]:
@@ -198,10 +201,12 @@ def playback_of_run(
         raise ModelError(f"rate: expected at most {MOST_FRAMES} frames, got {len(k)}; try a lower rate")
     world = Environment(chain, base_motion or {})
     rows = tuple(grasp_rows(chain)) if run.setting is None else run.setting.rows
-    places = []
+    places, touching = [], []
     for t, j in zip(run.t[k].tolist(), k.tolist(), strict=True):
         state = run.state(j)
-        places.append(_placed(*world.at(t, state), state, rows))
+        now, inputs = world.at(t, state)
+        places.append(_placed(now, inputs, state, rows))
+        touching += [] if now.touching is None else [now.touching]
     strength = np.array([at.strength for at in places])
     commanded = _commanded(chain, controller, run, k) if commands_forces(controller) else None
     surfaces, notes = _surfaces(chain, visuals)
@@ -214,7 +219,7 @@ def playback_of_run(
         chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
         internal, run.margin[k], run.condition[k], strength, run.tau[k], surfaces, notes, commanded,
         limits_kept(controller), [row.name for row in rows if row.grasp is None and row.name not in chain.arms],
-        touches,
+        touches, touching,
     )  # fmt: skip
 
 
@@ -259,7 +264,8 @@ def playback_of_instant(at: Instant, title: str, controller: Any = None) -> Play
     drawn = Playback(chain, title, *(np.array([part]) for part in parts), visuals=surfaces, notes=notes)
     force = getattr(found, "touch_force", None)  # a chain with branches has none
     touches = None if force is None else force[None]
-    return replace(drawn, commanded=commanded, limits=limits_kept(controller), touch_force=touches)
+    touching = () if chain.touching is None else (chain.touching,)
+    return replace(drawn, commanded=commanded, limits=limits_kept(controller), touch_force=touches, touching=touching)
 
 
 def _surfaces(chain: ClosedChain, visuals: DrawnSurfaces | None) -> tuple[DrawnSurfaces, tuple[str, ...]]:

@@ -2,10 +2,25 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 import holdfast as hf
 from holdfast.errors import HoldfastError, ModelError
-from holdfast.world import Ball, Box, Cone, Cylinder, HalfSpace, Sphere, Touching, corners
+from holdfast.world import (
+    Ball,
+    Box,
+    Circle,
+    Cone,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    HeightField,
+    Hole,
+    Rod,
+    Sphere,
+    Touching,
+    corners,
+)
 
 TILTED = hf.Pose.from_wxyz_xyz([0.5, 0.5, -0.5, 0.5, 0.1, -0.2, 0.3])
 SHAPES = {
@@ -16,6 +31,13 @@ SHAPES = {
     "cone": Cone(angle=0.4, pose=TILTED),
     "funnel": Cone(angle=0.9, inside=True, pose=TILTED),
     "box": Box(half=[0.3, 0.2, 0.1], edge=0.02, pose=TILTED),
+    "chamfered hole": Hole(radius=0.4, chamfer=0.2, depth=0.1, edge=0.05, pose=TILTED),
+    "short rod": Rod(radius=0.2, half_length=0.3, edge=0.05, pose=TILTED),
+    "height field": HeightField(
+        heights=0.003 * np.random.default_rng(3).normal(size=(8, 9)),
+        spacing=0.25,
+        pose=hf.Pose.translation(-0.8, -1, 0),
+    ),
 }
 
 
@@ -47,6 +69,45 @@ def test_gradient_and_hessian(name):
             np.testing.assert_allclose(foot.n, n, atol=1e-12)
 
 
+def test_height_field_against_a_spline():
+    """The surface is SciPy's bicubic spline with flat borders, and its distance is that of mpmath's minimum."""
+    mpmath = pytest.importorskip("mpmath")
+    heights = 0.05 * np.random.default_rng(4).normal(size=(6, 5))
+    field, grid = HeightField(heights=heights, spacing=0.2), 0.2 * np.arange(6)
+    flat = [(1, np.zeros(5))]
+    along = make_interp_spline(grid, heights, bc_type=(flat, flat), axis=0)
+    for a in np.linspace(0.0, 1.0, 7):
+        across = make_interp_spline(grid[:5], along(a), bc_type=([(1, 0.0)], [(1, 0.0)]))
+        for b in np.linspace(0.0, 0.8, 6):
+            assert field.surface(a, b)[0] == pytest.approx(float(across(b)), abs=1e-15)
+    x = np.array([0.43, 0.37, 0.09])
+    found = field.distance(x)
+
+    def normal_at(a, b):
+        h, g, _ = field.surface(float(a), float(b))
+        return [a - x[0] + (h - x[2]) * g[0], b - x[1] + (h - x[2]) * g[1]]
+
+    a, b = (float(v) for v in mpmath.findroot(normal_at, (x[0], x[1]), tol=1e-24, verify=False))
+    foot = np.array([a, b, field.surface(a, b)[0]])
+    assert abs(found.phi) == pytest.approx(np.linalg.norm(x - foot), abs=1e-13)
+    assert field.surface(-3.0, 0.4)[0] == field.surface(0.0, 0.4)[0]  # flat beyond the border
+
+
+def test_convex_mesh_against_a_box():
+    """A hull of a box's corners has the distance of that box, outside and within, by coal."""
+    pytest.importorskip("coal")
+    half = np.array([0.3, 0.2, 0.1])
+    mesh = ConvexMesh(vertices=[half * [a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], pose=TILTED)
+    box, rng = Box(half=half, edge=1e-12, pose=TILTED), np.random.default_rng(0)
+    for x in rng.uniform(-0.6, 0.6, (100, 3)):
+        one, other = mesh.from_world(x), box.from_world(x)
+        assert one.phi == pytest.approx(other.phi, abs=1e-8)
+        assert not one.S.any()
+        if other.phi > 0.01:
+            np.testing.assert_allclose(one.n, other.n, atol=1e-6)
+    assert Touching({"a": [0, 0, 0]}, {"mesh": mesh}).without_machine_code == ("mesh",)
+
+
 def test_box_against_sampled_distance():
     """The rounded box's distance is the least over its surface, sampled finely."""
     box = Box(half=[0.3, 0.2, 0.1], edge=0.05)
@@ -71,6 +132,21 @@ def test_box_against_sampled_distance():
         (lambda: Box(half=[0.1, 0.1, 0.1], edge=0.2), "smaller edge"),
         (lambda: Cylinder(radius=0.1, inside="yes"), "True or False"),
         (lambda: HalfSpace(ofset=0.4), "offset"),
+        (lambda: HalfSpace(twist=[0, 0, 1]), "HalfSpace: twist"),
+        (lambda: Hole(radius=0.1, chamfer=1e-5), "smaller edge"),
+        (lambda: Hole(radius=0.1), "chamfer"),
+        (lambda: Rod(radius=0.1, half_length=1e-5), "smaller edge"),
+        (lambda: HeightField(heights=[[0.0, 1.0]], spacing=0.1), r"rows, columns"),
+        (lambda: HeightField(heights=np.zeros((4, 4)), spacing=0.0), "spacing"),
+        (lambda: ConvexMesh(vertices=np.zeros((3, 3))), r"\(m, 3\)"),
+        (lambda: ConvexMesh(vertices=np.eye(4)[:, :3] * [1, 1, 0]), "one plane"),
+        (lambda: Circle([0, 0, 0], [0, 0, 2.0], 0.1), "unit vector"),
+        (lambda: Circle([0, 0, 0], [0, 0, 1.0], -0.1), "radius"),
+        (lambda: Touching({}, {}, solids={"a": Rod(radius=1, half_length=1)}), "at least one"),
+        (lambda: Touching({"a": [0, 0, 0]}, {"b": HalfSpace()}, edges={"a": [0, 0, 0]}), "every name once"),
+        (lambda: Touching({"a": [0, 0, 0]}, {"b": HalfSpace()}, solids={"c": 3}), "expected a shape"),
+        (lambda: Touching({"a": [0, 0, 0]}, {"b": HalfSpace()}, pairs=3), "pairs"),
+        (lambda: Touching({"a": [0, 0, 0]}, {"b": HalfSpace()}, pairs=[[["a"], "b"]]), "pairs"),
         (lambda: Touching(points={}, world={"table": HalfSpace()}), "at least one"),
         (lambda: Touching(points={"tip": [0, 0]}, world={"table": HalfSpace()}), "tip"),
         (lambda: Touching(points={"tip": [0, 0, 0]}, world={"table": 3}), "expected a shape"),

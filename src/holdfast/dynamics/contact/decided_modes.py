@@ -140,7 +140,7 @@ def decided(
             left_out = (found.impulse[:, 2] > 0.0) & ~rebounds[closed] & (rows.restitution[closed] > 0.0)
             slow[closed] = np.where(left_out, -before[:, 2], slow[closed])
             total[closed] += rows_in_world(rows.axes[closed], found.impulse)
-            change += found.energy_change
+            change += found.energy_change + float((found.impulse * rows.carried[closed]).sum())
             response = stacked_response(motion, state, hands, found.wrench)
             base += _base_impulse(motion, response.found)
             for hand, push in zip(hands, response.bases, strict=True):

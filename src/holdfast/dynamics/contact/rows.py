@@ -1,15 +1,12 @@
 """The object's contacts with the world at one instant: gaps, contact axes, rows and their drift.
 
-A contact is a sphere of radius r with its centre c in the object against a shape with the signed distance phi, the unit
-normal n (into the object) and the Hessian S. Arms are from C, world axes:
+What touches what, and how the contact moves, is in `contact_kinematics`. With the arm l of the contact point from C,
+and contact axes [t1; t2; n] with n into the object, world axes:
 
-    gap = phi(c) - r,   l = arm - r n  (contact point),   u = [t1; t2; n] (v + w x l - v_s(l))
-    u_n = d gap / dt,   u = C V - carried,                C = [t1; t2; n] [-l~, 1]
-    d u_n / dt = n . (a + alpha x l + w x (w x arm)) + v_c^T S v_c            v_c = v + w x arm
-    d u_t / dt = t . (a + alpha x l + w x (w x arm - r S v_c) - w_s x (v_c - r S v_c))
+    u = C V - carried,   C = [t1; t2; n] [-l~, 1],   u_n = d gap / dt,   du/dt = C alpha + drift
 
-The last line leaves out the turning of t, which is multiplied by u_t: it holds where the contact sticks, and only
-there u_t is imposed. v_s and w_s are those of a running surface.
+The drift of the tangents leaves out the turning of t, which is multiplied by u_t: it holds where the contact sticks,
+and only there u_t is imposed.
 """
 
 from __future__ import annotations
@@ -18,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.contact.contact_kinematics import RigidMotion, meeting
 from holdfast.model.world.touching import Touching
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, array, concatenate, where
@@ -32,8 +30,8 @@ class ContactRows(NamedTuple):
     Attributes:
         gap: (k,) distances, negative within a shape [m].
         C: (k, 3, 6) rows along the contact axes: C V is the velocity of the object at the contact point.
-        drift: (k, 3) C-dot V and the acceleration of a running surface: du/dt = C alpha + drift [m/s^2].
-        carried: (k, 3) velocity of the running surface, contact axes; its normal component is 0 [m/s].
+        drift: (k, 3) C-dot V and the acceleration of the world's surface: du/dt = C alpha + drift [m/s^2].
+        carried: (k, 3) velocity of the world's surface, contact axes; along n that of the shape alone [m/s].
         point: (k, 3) contact points from C, world axes [m].
         axes: (k, 3, 3) contact axes [t1, t2, n] as rows, n into the object, world axes.
         friction: (k,) mu.
@@ -77,23 +75,15 @@ def contact_rows(touching: Touching, object_frame: Pose, twist: Array) -> Contac
         twist: (6,) its twist about C, world axes.
     """
     found = []
-    w, v = twist[:3], twist[3:]
-    for _, sphere, shape in touching.candidates:
-        arm = object_frame.R @ sphere.centre
-        x = object_frame.p + arm
-        phi, n, S = shape.from_world(x)
-        l, axes = arm - sphere.radius * n, contact_axes(n)
-        centre = v + cross(w, arm)
-        turning = S @ centre  # of the normal
-        place = object_frame.p + l
-        w_s, v_s = shape.surface_twist[:3], shape.surface_twist[3:]
-        surface = v_s + cross(w_s, place - shape.pose.p)
-        inward = cross(w, cross(w, arm))
-        along = inward - sphere.radius * cross(w, turning) - cross(w_s, centre - sphere.radius * turning)
-        drift = array([axes[0] @ along, axes[1] @ along, n @ inward + centre @ turning])
-        carried = array([axes[0] @ surface, axes[1] @ surface, 0.0])
+    held = RigidMotion(object_frame, twist, np.zeros(6))
+    for one in touching.candidates:
+        shape = one.shape
+        at = meeting(one, held)
+        l, axes = at.place - object_frame.p, contact_axes(at.n)
         C = array([concatenate([cross(l, t), t]) for t in axes])
-        found.append((phi - sphere.radius, C, drift, carried, l, axes, shape.friction, shape.restitution))
+        drift = array([axes[0] @ at.rate, axes[1] @ at.rate, at.normal_rate])
+        carried = array([axes[0] @ at.world, axes[1] @ at.world, at.n @ at.world_normal])
+        found.append((at.gap, C, drift, carried, l, axes, shape.friction, shape.restitution))
     return ContactRows(*(array(x) for x in zip(*found, strict=True)))
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.spatial.frozen import ArrayField, Frozen, making
+from holdfast.spatial.frozen import ArrayField, Frozen, changed, making
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array, Scalar
 
@@ -35,20 +35,29 @@ class Distance(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WorldShape(Frozen, ABC):
-    """A solid that stands in the world; its surface may run along itself, like the belt of a conveyor.
+    """A solid of the world; its surface may run along itself, like the belt of a conveyor.
+
+    It stands, unless `simulate` has its motion in `base_motion`. `twist` and `acceleration` are for a single instant.
 
     Attributes:
+        traceable: whether `distance` can be traced to machine code.
         friction: coefficient mu >= 0 of Coulomb's law between this shape and the object.
         restitution: coefficient of restitution, from 0 to 1, of impacts with the object.
         pose: frame in which the shape is described, in the world (Pose or wxyz_xyz).
-        surface_twist: (6,) twist [omega; v] of the running surface about the origin of `pose`, world axes. The shape
-            itself stands: only the tangential part of the surface's velocity counts [rad/s, m/s].
+        surface_twist: (6,) twist [omega; v] of the running surface relative to the shape, about the origin of `pose`,
+            world axes; only the tangential part of its velocity counts. It turns with the shape [rad/s, m/s].
+        twist: (6,) [omega; v] of the shape itself, about the origin of `pose`, world axes [rad/s, m/s].
+        acceleration: (6,) its derivative [rad/s^2, m/s^2].
     """
+
+    traceable: ClassVar[bool] = True
 
     friction: float = 0.0
     restitution: float = 0.0
     pose: PoseField = field(default_factory=making(Pose.identity))
     surface_twist: ArrayField = field(default_factory=making(np.zeros, 6))
+    twist: ArrayField = field(default_factory=making(np.zeros, 6))
+    acceleration: ArrayField = field(default_factory=making(np.zeros, 6))
 
     def __post_init__(self) -> None:
         put, what = object.__setattr__, self.what
@@ -58,7 +67,8 @@ class WorldShape(Frozen, ABC):
             raise ModelError(f"{what}: restitution: expected a number from 0 to 1, got {given:g}")
         put(self, "restitution", given)
         put(self, "pose", checks.pose(self.pose, f"{what}: pose"))
-        put(self, "surface_twist", checks.numbers(self.surface_twist, (6,), f"{what}: surface_twist"))
+        for name in ("surface_twist", "twist", "acceleration"):
+            put(self, name, checks.numbers(getattr(self, name), (6,), f"{what}: {name}"))
 
     @property
     def what(self) -> str:
@@ -68,6 +78,12 @@ class WorldShape(Frozen, ABC):
     @abstractmethod
     def distance(self, x: Array) -> Distance:
         """Return the signed distance of a point x (3,), both in the shape's own axes. O(1)."""
+
+    def moved(self, pose: Pose, twist: Array, acceleration: Array) -> WorldShape:
+        """Return the shape at another pose, with its motion there; what runs along the surface turns with it."""
+        turn, running = pose.R @ self.pose.R.T, self.surface_twist
+        running = np.concatenate([turn @ running[:3], turn @ running[3:]]) if running.any() else running
+        return changed(self, pose=pose, twist=twist, acceleration=acceleration, surface_twist=running)
 
     def from_world(self, x: Array) -> Distance:
         """Return the signed distance of a point x (3,), both in world axes. O(1)."""

@@ -86,9 +86,9 @@ class Cylinder(WorldShape):
 
     def distance(self, x: Array) -> Distance:
         """Return phi, n, S at x (3,), in own axes."""
-        rho, e = _from_axis(x)
+        rho, e = from_axis(x)
         sign = -1.0 if self.inside else 1.0
-        return Distance(sign * (rho - self.radius), sign * e, (sign / rho) * _around(e))
+        return Distance(sign * (rho - self.radius), sign * e, (sign / rho) * around(e))
 
 
 @called
@@ -119,9 +119,9 @@ class Cone(WorldShape):
     def distance(self, x: Array) -> Distance:
         """Return phi, n, S at x (3,), in own axes."""
         c, s = float(np.cos(self.angle)), float(np.sin(self.angle))
-        rho, e = _from_axis(x)
+        rho, e = from_axis(x)
         n = c * e - s * UP
-        S = (c / rho) * _around(e)
+        S = (c / rho) * around(e)
         phi = c * rho - s * x[2]
         if self.inside:
             return Distance(-phi, -n, -S)
@@ -187,7 +187,7 @@ def _length_and_direction(x: Array) -> tuple[Scalar, Array]:
     return where(known, size, 1e-300), select(known, x / size, UP)
 
 
-def _from_axis(x: Array) -> tuple[Scalar, Array]:
+def from_axis(x: Array) -> tuple[Scalar, Array]:
     """Return the distance rho from the z axis and the direction e away from it; the x axis on the axis itself."""
     square = x[0] * x[0] + x[1] * x[1]
     known = square > 0.0
@@ -196,7 +196,7 @@ def _from_axis(x: Array) -> tuple[Scalar, Array]:
     return where(known, rho, 1e-300), e
 
 
-def _around(e: Array) -> Array:
+def around(e: Array) -> Array:
     """Return 1 - e e^T - z z^T, the projector on the direction around the z axis, for e across it."""
     t = array([-e[1], e[0], 0.0])
     return outer(t, t)
