@@ -79,7 +79,8 @@ class CompiledResponses(RestResponses):
         of.run()
         shapes = [one.shape for one in touching.candidates]
         mu, e = (np.array([getattr(one, name) for one in shapes]) for name in ("friction", "restitution"))
-        return ContactRows(*(of.arrays[name].copy() for name in ContactRows._fields[:6]), mu, e)
+        gap, C, drift, carried, point, axes = (of.arrays[name].copy() for name in ContactRows._fields[:6])
+        return ContactRows(gap, C, drift, carried, point, axes, mu, e)
 
     def gaps(self, state: State) -> Gap:
         """Return the largest position and velocity residuals of any grasp."""
