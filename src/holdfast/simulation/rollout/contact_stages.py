@@ -79,7 +79,8 @@ class CompiledResponses(RestResponses):
         assert self.touched.touching is not None
         shapes = [one.shape for one in self.touched.touching.candidates]
         mu, e = (np.array([getattr(one, name) for one in shapes]) for name in ("friction", "restitution"))
-        return ContactRows._make([*(of.arrays[name].copy() for name in ContactRows._fields[:6]), mu, e])
+        gap, C, drift, carried, point, axes = (of.arrays[name].copy() for name in ContactRows._fields[:6])
+        return ContactRows(gap, C, drift, carried, point, axes, mu, e)
 
     def gaps(self, state: State) -> Gap:
         """Return the largest position and velocity residuals of any grasp."""
