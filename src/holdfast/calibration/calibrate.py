@@ -32,7 +32,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 PostureSource = Postures | Recording | ArrayLike | str | PathLike[str]
-INDEPENDENT = 1.5  # factor of the covariance for dependent residuals, below which these may be noise of joints
+LARGEST_WIDENING = 1.5  # factor of the covariance for dependent residuals, below which these may be noise of joints
 CONTRADICTED = 6.0  # standard deviations by which the model's values fit worse, above which a note is added
 
 
@@ -204,7 +204,7 @@ def calibrate(
     problem = problem_of(Problem(layout, given.q, np.zeros(0), noise, sizes, known, robust), given)
     _require_enough(problem)
     found = fit(problem)
-    if noise is None and found.widening < INDEPENDENT:  # errors of joints do not depend on the posture before
+    if noise is None and found.widening < LARGEST_WIDENING:  # errors of joints do not depend on the posture before
         problem = replace(problem, noisy_joints=True)
         found = fit(problem)
     return _calibration(chain, problem, found, held_out)

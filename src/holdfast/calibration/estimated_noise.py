@@ -13,7 +13,7 @@ from holdfast.calibration.problem import FitPoint, Problem, Whitened, evaluated,
 from holdfast.errors import StateError
 from holdfast.spatial.scalar import Array
 
-MOST_ESTIMATES, STEADY = 60, 5e-3  # of the variances; their relative change that ends them
+MOST_ESTIMATES, ESTIMATE_STEADY = 60, 5e-3  # of the variances; their relative change that ends them
 LEAST_DEVIATION = 1e-9  # [rad or m] of estimated noise
 LEAST_SHOWN = 0.1  # share of a channel's rows that must be left to show its noise
 
@@ -38,7 +38,7 @@ def estimated_variances(problem: Problem, at: FitPoint, variances: Array, weight
         shown = ((A**2).sum(axis=(0, 1)) - (hidden**2).sum(axis=(0, 2))) @ members
         squares = ((np.swapaxes(A, 1, 2) @ left[:, :, None]) ** 2).sum(axis=(0, 2)) @ members
         before, found = found, np.maximum(found * squares / np.maximum(shown, 1e-300), LEAST_DEVIATION**2)
-        if (np.abs(np.log(found / before)) < STEADY).all():
+        if (np.abs(np.log(found / before)) < ESTIMATE_STEADY).all():
             break
     return found
 

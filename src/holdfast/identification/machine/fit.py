@@ -34,7 +34,7 @@ from holdfast.spatial.scalar import Array
 NOT_USED = 1e4  # factor of the noise of measurements that do not count
 MOST_REFITS, NOISE_SETTLED = 40, 1e-4  # of weights and estimate; relative change of the noise at which they end
 FIRST_NOISE = 0.05  # first guess of the noise, relative to the measurements
-LEAST_EIGENVALUE = 1e-15  # of eigenvalues, relative to the largest one
+TOLD_AT_LEAST = 1e-15  # of eigenvalues, relative to the largest one
 OF_MEDIAN = 1.4826  # standard deviation of normal noise, in units of its median size
 
 
@@ -153,7 +153,7 @@ def with_prior(information: Array, spread: Array, scores: Array | None = None) -
     """
     outer = np.outer(spread, spread)
     sizes, axes = np.linalg.eigh(0.5 * (information + information.T) * outer)
-    told = sizes > len(sizes) * LEAST_EIGENVALUE * sizes[-1]
+    told = sizes > len(sizes) * TOLD_AT_LEAST * sizes[-1]
     M = np.diag(sizes) if scores is None else axes.T @ (scores * outer) @ axes
     own, turn = np.linalg.eigh(np.where(np.outer(told, told), M, 0.0) + np.eye(len(sizes)))
     half = spread[:, None] * (axes / (np.where(told, sizes, 0.0) + 1.0)) @ (turn * np.sqrt(np.maximum(own, 0.0)))
