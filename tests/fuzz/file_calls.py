@@ -224,7 +224,8 @@ def _load_mapped(text: Any, columns: Any) -> Any:
 @call("assess", recording=Later(recording), by="tau", unknowns=["payload", "friction"], loss="huber", noise=1e-3)
 def _assess(recording: Any, **given: Any) -> Any:
     sound = isinstance(recording, dict) and {"t", "q"} <= set(recording) <= set(globals()["recording"]())
-    return str(assess(fixed().chain, Recording(**recording) if sound else recording, **given))
+    given["recordings"] = Recording(**recording) if sound else recording
+    return str(assess(fixed().chain, **given))
 
 
 @cache
