@@ -63,7 +63,7 @@ def inserted() -> Any:
 
     def impedance(t: float, state: hf.State) -> hf.Inputs:
         v, now = state.object_twist, state.object_frame
-        f = 2000.0 * (line - [0.0, 0.0, 0.08 * t] - now.p) - 126.0 * (v[3:] + [0.0, 0.0, 0.08]) + [0.0, 0.0, 19.62]
+        f = 2000.0 * (line - [0.0, 0.0, 0.08 * t] - now.p) - 126.0 * np.add(v[3:], [0.0, 0.0, 0.08]) + [0.0, 0.0, 19.62]
         return hf.Inputs(object_wrench=[*(-20.0 * hf.spatial.rotation.log(now.R) - 0.6 * v[:3]), *f])
 
     body = hf.HeldObject(2.0, 5e-3 * np.eye(3))
