@@ -16,6 +16,7 @@ from collections import Counter
 import numpy as np
 
 import holdfast as hf
+from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial import rotation
 from holdfast.world import Circle, Hole, Rod, Touching
 
@@ -52,7 +53,7 @@ def start_of(dice: np.random.Generator) -> hf.State:
     return hf.State([], [], hf.Pose(R, tip + HALF * R[:, 2]))
 
 
-def insertion(chain: hf.ClosedChain, start: hf.State) -> hf.Trajectory:
+def insertion(chain: hf.ClosedChain, start: hf.State) -> Trajectory:
     """Return the run of one peg."""
     R, p = start.object_frame.R, start.object_frame.p
 
@@ -71,7 +72,7 @@ def insertion(chain: hf.ClosedChain, start: hf.State) -> hf.Trajectory:
     return hf.simulate(chain, start, no_torque, DURATION, STEP, inputs=impedance, contacts="steps")
 
 
-def ending(run: hf.Trajectory) -> str:
+def ending(run: Trajectory) -> str:
     """Return how a run ends: "inserted", the names of a wedge, "off the chamfer", or why none of these."""
     if run.stopped is not None:
         return f"stopped: {run.stopped}"

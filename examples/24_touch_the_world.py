@@ -10,6 +10,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 import holdfast as hf
+from holdfast.spatial import rotation
 from holdfast.view.figure_style import DPI, STYLE
 from holdfast.world import Circle, HalfSpace, Hole, Rod, Sphere, Touching, corners
 
@@ -42,7 +43,7 @@ def pressed() -> Any:
         v = state.object_twist
         f = STIFFNESS * (goal - state.object_frame.p) - DAMPING * v[3:] + [0.0, 0.0, 9.81 * MASS]
         f[0] = PRESS * (1.0 - np.exp(-INTEGRAL * t)) - DAMPING * v[3]
-        turning = -20.0 * hf.spatial.rotation.log(state.object_frame.R) - 0.6 * v[:3]
+        turning = -20.0 * rotation.log(state.object_frame.R) - 0.6 * v[:3]
         return hf.Inputs(object_wrench=[*turning, *f])
 
     body = hf.HeldObject.sphere(MASS, 0.1)
@@ -59,12 +60,12 @@ def inserted() -> Any:
         solids={"peg": Rod(radius=0.01, half_length=0.03, edge=0.0005, friction=0.1)},
         edges={"edge": Circle([0, 0, z], [0, 0, 1], r, hole.edge)},
     )
-    line, down = np.array([0.0005, 0.0, 0.0305]), np.array([0.0, 0.0, 0.08])
+    line = np.array([0.0005, 0.0, 0.0305])
 
     def impedance(t: float, state: hf.State) -> hf.Inputs:
         v, now = state.object_twist, state.object_frame
-        f = 2000.0 * (line - t * down - now.p) - 126.0 * (v[3:] + down) + [0.0, 0.0, 19.62]
-        return hf.Inputs(object_wrench=[*(-20.0 * hf.spatial.rotation.log(now.R) - 0.6 * v[:3]), *f])
+        f = 2000.0 * (line - [0.0, 0.0, 0.08 * t] - now.p) - 126.0 * np.add(v[3:], [0.0, 0.0, 0.08]) + [0.0, 0.0, 19.62]
+        return hf.Inputs(object_wrench=[*(-20.0 * rotation.log(now.R) - 0.6 * v[:3]), *f])
 
     body = hf.HeldObject(2.0, 5e-3 * np.eye(3))
     return run_of(body, touching, line, impedance, 0.2, 0.005, contacts="steps")
