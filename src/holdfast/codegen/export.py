@@ -37,7 +37,7 @@ from holdfast.io.files import file_path, names_in, replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_rows import row_name
-from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain, with_arms
+from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain, require_machine_code
 from holdfast.progress import busy, detail
 from holdfast.simulation.environment import BaseMotion
 from holdfast.spatial.frozen import FrozenDict
@@ -134,7 +134,7 @@ def export_c(
     compiled = chain if isinstance(chain, CompiledChain | CompiledMechanism | CompiledForest) else None
     if compiled is None and not answered_as_forest(chain):
         serial_chain(chain, "export: chain")
-        with_arms(chain, "export")
+        require_machine_code(chain, "export")
     checks.instance(name, str, "export: name")
     checks.instance(target, str, "export: target")
     checks.instance(scheme, str, "export: scheme")

@@ -30,7 +30,7 @@ from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import Forest
-from holdfast.model.serial_chain import answered_as_forest, require_unused, with_arms
+from holdfast.model.serial_chain import answered_as_forest, require_unused, require_machine_code
 from holdfast.names import called, unknown_attribute
 from holdfast.questions.arrays import TOUCH_START
 from holdfast.questions.question import QUESTIONS
@@ -113,7 +113,7 @@ def compile(
         _ = compiled.function.calls
         return compiled  # pyright: ignore[reportReturnType]
     checks.instance(chain, ClosedChain, "compile: chain")
-    with_arms(chain, "compile")
+    require_machine_code(chain, "compile")
     require_rank(generic_rank, chain, "compile")
     checks.instance(method, str, "compile: method", MethodNotApplicable)
     if dtype != "float64":
