@@ -76,6 +76,7 @@ def ending(run: Trajectory) -> str:
     """Return how a run ends: "inserted", the names of a wedge, "off the chamfer", or why none of these."""
     if run.stopped is not None:
         return f"stopped: {run.stopped}"
+    assert run.setting is not None and run.setting.chain.touching is not None
     touching, held = run.setting.chain.touching, hf.Pose.from_wxyz_xyz(run.object_pose[-1])
     tip = held.p - HALF * held.R[:, 2]
     if -tip[2] >= INSERTED:

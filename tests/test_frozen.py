@@ -84,7 +84,10 @@ def examples() -> dict[str, Any]:
     closures = hf.calibration.ClosureNoise(1e-3, 1e-3)
     still = hf.identification.Recording(np.arange(200) / 100, np.zeros((200, 1)))
     found = [
-        *(Y, recording, hf.identify(chain, recording, noise=np.full(6, 0.1))),
+        *(Y, recording, payload := hf.identify(chain, recording, noise=np.full(6, 0.1))),
+        hf.identification.Assessment(
+            payload, "tau", ("left",), (np.zeros(4),), (Y.object,), (Y.object,), np.zeros(1), None, ()
+        ),
         *(hf.identification.Prior(friction=np.ones(14)), hf.identification.prepared(still)[1]),
         postures := hf.calibration.Postures([state.q] * 3, {"left": [True] * 3}, {"box": box_seen}),
         *(box_seen, closures, hf.calibrate(chain, postures, noise=closures)),

@@ -37,7 +37,7 @@ from holdfast.io.files import file_path, names_in, replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_rows import row_name
-from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain, require_machine_code
+from holdfast.model.serial_chain import answered_as_forest, require_machine_code, require_unused, serial_chain
 from holdfast.progress import busy, detail
 from holdfast.simulation.environment import BaseMotion
 from holdfast.spatial.frozen import FrozenDict

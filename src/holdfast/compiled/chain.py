@@ -30,7 +30,7 @@ from holdfast.forces.wrist import WRISTS
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import Forest
-from holdfast.model.serial_chain import answered_as_forest, require_unused, require_machine_code
+from holdfast.model.serial_chain import answered_as_forest, require_machine_code, require_unused
 from holdfast.names import called, unknown_attribute
 from holdfast.questions.arrays import TOUCH_START
 from holdfast.questions.question import QUESTIONS

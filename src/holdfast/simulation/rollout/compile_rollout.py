@@ -9,7 +9,7 @@ from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_t
 from holdfast.control.traced_law import law_of, require_function
 from holdfast.errors import ModelError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import serial_chain, with_arms, without_contacts
+from holdfast.model.serial_chain import require_machine_code, serial_chain, without_contacts
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs, take_state
 from holdfast.simulation.rollout.arguments import require_free_names
 from holdfast.simulation.rollout.rollout import Rollout
@@ -64,7 +64,7 @@ def compile_rollout(
         raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
     serial_chain(chain, "rollout: chain")
     without_contacts(chain, "rollout")
-    with_arms(chain, "rollout")
+    require_machine_code(chain, "rollout")
     require_rank(generic_rank, chain, "rollout")
     traced = held_torques(chain.joint_count) if law is None else _traced(law, chain)
     if law is not None:

@@ -238,6 +238,8 @@ def contact_stepper_for(
     plain = isinstance(inputs, Inputs) and all(x is None for name, x in vars(inputs).items() if name != "object_wrench")
     left_out = (
         modes.hands
+        or chain.touching is None
+        or chain.touching.without_machine_code
         or not chain.arms
         or chain.floats
         or elastic
