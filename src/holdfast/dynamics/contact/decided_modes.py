@@ -120,6 +120,10 @@ def decided(
     near = rows.gap <= CLOSED
     reached = Reached([], [], {}) if reached is None else reached
     near[reached.touched] = True
+    touched = np.zeros(k, int)
+    touched[reached.touched] = ContactMode.STICKS
+    meets = ContactModes(touched, np.zeros((k, d)), hands)
+    state = on_contacts(chain, state, meets, held, velocities=False)  # or rebounds would sum up errors of location
     closed = np.flatnonzero(near)
     base = np.zeros(6)
     total, slow, change, jammed, jams = np.zeros((k, 3)), np.zeros(k), 0.0, False, False
