@@ -33,6 +33,13 @@ def short_run() -> Any:
     return hf.simulate(p.chain, p.state, lambda t, state, memory: (p.tau, memory), 1e-3, 1e-3)
 
 
+def branched_recording() -> Any:
+    """Return a recording of joints at rest."""
+    p = two_arms_with_grippers()
+    q = np.tile(p.state.q, (3, 1))
+    return hf.identification.Recording(range(3), q, qd=0 * q, qdd=0 * q, tau=0 * q)
+
+
 def table_of_postures() -> str:
     """Return the path of a table with one posture."""
     names = two_arms_with_grippers().chain.joint_names()
@@ -58,6 +65,7 @@ BESIDE = {
         "seek": ["bases:arm2"],
         "noise": hf.calibration.ClosureNoise(1e-3, 1e-3),
     },
+    "identification.assess": {"recordings": branched_recording(), "by": "tau", "unknowns": ["friction"]},
     "codegen.export_c": {"folder": Path(tempfile.mkdtemp()) / "code"},
     "control.ObjectTracking": {"path": hf.control.RestToRest(hf.Pose.identity())},
     "dynamics.attach": {"name": ("arm2", "pad1"), "grasp": hf.Grasp("ball"), "here": True},

@@ -17,7 +17,7 @@ from tests.systems import two_collinear_stretched_6r
 
 FILE = str(Path(__file__).parents[1] / "data" / "cases.json")
 COMMANDS = (
-    "solve", "diagnose", "calibrate", "simulate", "sweep", "summary", "plot", "view", "export",
+    "solve", "diagnose", "calibrate", "identify", "simulate", "sweep", "summary", "plot", "view", "export",
     "export-c", "methods", "doctor",
 )  # fmt: skip
 

@@ -2,11 +2,13 @@
 
 import inspect
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import pytest
+from benchmarks import faulty_recordings
 
 import holdfast as hf
 from holdfast.interop.mcap_writer import write_mcap
@@ -70,6 +72,24 @@ def readers(folder: Path) -> dict:
     }
 
 
+@cache
+def calibrated() -> hf.calibration.Calibration:
+    """Return a calibration."""
+    chain, state = lifted()[0], lifted()[1].state(0)
+    noise = hf.calibration.ClosureNoise(1e-3, 1e-3)
+    return hf.calibrate(chain, np.tile(state.q, (3, 1)), noise=noise)
+
+
+@cache
+def identified() -> hf.identification.Assessment:
+    """Return an assessed identification."""
+    chain = faulty_recordings.arm()[0]
+    columns = faulty_recordings.sound(chain, np.random.default_rng(0))
+    parts = {name: np.array([columns[f"{name}{k}"] for k in (1, 2, 3)]).T for name in ("q", "qd", "tau")}
+    recording = hf.identification.Recording(columns["t"], **parts)
+    return hf.identification.assess(chain, recording, by="tau", unknowns=["friction"])
+
+
 def writers(folder: Path) -> dict:
     """Return what writes to a path, with what comes before the path, and the path's name."""
     filled(folder / "run", 2)
@@ -81,6 +101,8 @@ def writers(folder: Path) -> dict:
         hf.plot.export_page: ((hf.plot.playback_of_run(chain, run, rate=2.0),), "page.html"),
         hf.plot.save_plots: ((chain, run), "."),
         write_mcap: ((chain, run), "run.mcap"),
+        hf.plot.calibration_page: ((calibrated(),), "calibration.html"),
+        hf.plot.identification_page: ((identified(),), "identification.html"),
     }
 
 

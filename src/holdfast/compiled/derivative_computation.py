@@ -192,7 +192,7 @@ def request_of(
 def computation_of(question: Question, request: Request | None, chain: ClosedChain, options: Options) -> Computation:
     """Return the computation of a question, or of derivatives of it."""
     if "world" in question.depends_on and (request is not None or question is not FORWARD_DYNAMICS):
-        without_contacts(chain, question.name if request is None else request.name)
+        without_contacts(chain, question.name if request is None else f"{question.name}.{request.kind}")
     if request is not None:
         return request.computation(chain, options)
     made = forward_computation if question is FORWARD_DYNAMICS else partial(computation, question)
