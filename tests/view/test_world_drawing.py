@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.view.chain_scene import ChainScene
+from holdfast.view.chain_scene import ChainScene, drawn_object
 from holdfast.view.playback import playback_of_run
 from holdfast.view.scene_writer import SceneWriter, viewer_server
-from holdfast.view.world_drawing import placed_mesh, touching_points
+from holdfast.view.world_drawing import placed_mesh, solids_of, touching_points
 from holdfast.world import (
     Ball,
     Box,
@@ -84,3 +84,15 @@ def test_moving_shapes_and_circles():
     np.testing.assert_allclose(touching_points(playback, -1)[:, 2], run.object_pose[-1, 6] - 0.1, atol=1e-12)
     with viewer_server() as server:
         ChainScene(SceneWriter(server), playback).show(len(playback) - 1)
+
+
+def test_solids_of_the_object():
+    """An object of unknown shape is drawn as the solids with which it touches the world, in its own axes."""
+    peg = Rod(radius=0.01, half_length=0.03, edge=0.0005, pose=AT)
+    edge = Circle([0, 0, 0], [0, 0, 1], 0.0102)
+    touching = Touching({}, {}, solids={"peg": peg}, edges={"edge": edge})
+    vertices = drawn_object(hf.HeldObject(2.0, 5e-3 * np.eye(3)), solids_of(touching, 1.0))[0].vertices
+    inside = (vertices - AT.p) @ AT.R
+    assert np.hypot(*inside[:, :2].T).max() == pytest.approx(0.01, abs=1e-6)
+    assert np.ptp(inside[:, 2]) == pytest.approx(0.06, abs=1e-6)
+    assert np.ptp(drawn_object(hf.HeldObject.sphere(1.0, 0.1), solids_of(touching, 1.0))[0].vertices[:, 0]) > 0.19

@@ -26,7 +26,7 @@ from holdfast.view.link_meshes import LinkMesh, meshes_of, surface_of_object
 from holdfast.view.playback import Playback, spring_ends
 from holdfast.view.poses import joint_poses, object_poses
 from holdfast.view.scene_writer import RGB, SceneWriter
-from holdfast.view.world_drawing import circle_lines, placed_mesh, touching_points
+from holdfast.view.world_drawing import circle_lines, placed_mesh, solids_of, touching_points
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 TRUNK_NODE = f"/{TRUNK}"  # node of a trunk's base
@@ -221,7 +221,7 @@ class ChainScene:
         """Draw an object and return the name of its node; with several, each has a label."""
         chain, writer = self.playback.chain, self._writer
         node = "/object" if name == HELD_OBJECT else f"/objects/{_node(name)}"
-        surface, outline, edges, box = drawn_object(held)
+        surface, outline, edges, box = drawn_object(held, solids_of(chain.touching, WORLD_SIZE * self._size))
         writer.frame(node, Pose.identity())
         writer.mesh(f"{node}/body", surface, OBJECT_GREY, OBJECT_OPACITY)
         lines = np.concatenate([outline, markers.struts(markers.contacts_on(chain, name), edges, box)])
@@ -330,12 +330,15 @@ def _node(name: str) -> str:
 CIRCLE_LINES = 48  # lines of a circle
 
 
-def drawn_object(held: HeldObject) -> tuple[meshes.Mesh, Array, Array, Pose]:
+def drawn_object(held: HeldObject, solids: Sequence[meshes.Mesh] = ()) -> tuple[meshes.Mesh, Array, Array, Pose]:
     """Return surface, outline (N, 2, 3), and edges (3,) and pose of the box around it, all in object axes [m].
 
-    An object whose surface is not known or cannot be read is drawn as the box with its inertia.
+    An object whose surface is not known or cannot be read is drawn as the solids with which it touches the world, or,
+    without these, as the box with its inertia.
     """
     surface = surface_of_object(held)
+    if solids and (surface is None or isinstance(surface, MeshFault)):
+        surface = meshes.joined(solids)
     if surface is None or isinstance(surface, MeshFault):
         edges, box = equivalent_box(held)
         return meshes.box(edges).at(box), markers.box_lines(edges) @ box.R.T + box.p, edges, box

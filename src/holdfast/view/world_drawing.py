@@ -14,6 +14,7 @@ from holdfast.model.world.height_field import HeightField
 from holdfast.model.world.holes import Hole, Rod
 from holdfast.model.world.shape import WorldShape
 from holdfast.model.world.solids import Ball, Box, Cone, Cylinder, HalfSpace
+from holdfast.model.world.touching import Touching
 from holdfast.robots.mesh_files.mesh import TriangleMesh
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import UP, Pose
@@ -37,6 +38,18 @@ def placed_mesh(shape: WorldShape, near: Array, size: float) -> Placed | None:
     """
     of_kind = _MESHES.get(type(shape))
     return None if of_kind is None else of_kind(shape, shape.pose.inverse() @ Pose(np.eye(3), near), size)
+
+
+def solids_of(touching: Touching | None, size: float) -> list[TriangleMesh]:
+    """Return the meshes of the solids with which an object touches the world, in object axes [m].
+
+    Args:
+        touching: what may touch.
+        size: length up to which endless solids are drawn [m].
+    """
+    solids = () if touching is None else touching.solids.values()
+    placed = [placed_mesh(shape, np.zeros(3), size) for shape in solids]
+    return [mesh.at(pose) for pose, mesh in (one for one in placed if one is not None)]
 
 
 def touching_points(playback: Playback, k: int) -> Array:
