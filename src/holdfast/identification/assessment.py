@@ -12,8 +12,7 @@ from holdfast.errors import StateError
 from holdfast.identification.identification import Identification
 from holdfast.identification.identify import identify
 from holdfast.identification.load_recording import recording_of
-from holdfast.identification.machine.identify_machine import measurement_errors, without_object
-from holdfast.identification.machine.rows import channels
+from holdfast.identification.machine.identify_machine import explained, measurement_errors
 from holdfast.identification.notes import POORLY
 from holdfast.identification.recording import Recording
 from holdfast.model.closed_chain import ClosedChain
@@ -98,12 +97,8 @@ def assess(
     given: dict[str, Any] = {"by": by, "unknowns": unknowns, **options}
     whole = [recording_of(one, chain) for one in _listed(recordings)]
     found = identify(chain, whole, **given)
-    errors = [measurement_errors(found.chain, one, by, found.others) for one in whole]  # pyright: ignore[reportArgumentType]
-    measured = [channels(without_object(chain), one, by) for one in whole]
-    t = [np.asarray(one.t) for one in whole]
-    for k, (e, y) in enumerate(zip(errors, measured, strict=True)):
-        if len(e) != len(y):  # samples at singular configurations are left out
-            t[k], measured[k] = t[k][: len(e)], y[: len(e)]
+    errors, rows = zip(*(explained(found.chain, one, by, found.others) for one in whole), strict=True)
+    measured = [one.y for one in rows]
     fitted = _rms(np.concatenate(errors))
     later = _held_out(chain, whole, held_out, given)
     names = _channel_names(chain, by)
@@ -111,9 +106,9 @@ def assess(
         found=found,
         by=by,
         channels=names,
-        t=tuple(t),
+        t=tuple(one.t for one in rows),
         measured=tuple(measured),
-        errors=tuple(errors),
+        errors=errors,
         fitted=fitted,
         held_out=later,
         criteria=(*found.suspicions, *_criteria(found, names, by, np.concatenate(measured), fitted, later, given)),

@@ -295,6 +295,13 @@ def measurement_errors(
         ModelError: others are of another measurement, or lack the gains of currents.
         StateError: the recording does not have the measurement.
     """
+    return explained(chain, recording, by, others)[0]
+
+
+def explained(
+    chain: ClosedChain, recording: Recording, by: str, others: Mapping[str, ArrayLike]
+) -> tuple[Array, MachineRows]:
+    """Return what `measurement_errors` returns, and the equations, which have the samples that are not left out."""
     checks.instance(chain, ClosedChain, "measurement_errors: chain")
     chain = without_object(chain)
     serial_chain(chain, "measurement_errors: chain")
@@ -314,4 +321,5 @@ def measurement_errors(
     z = unknowns.start.copy()
     for kind, value in given.items():
         z[unknowns.where(kind)] = value
-    return errors_at(machine_rows(chain, whole, unknowns), unknowns, z, np.ones(y.shape[1]))
+    rows = machine_rows(chain, whole, unknowns)
+    return errors_at(rows, unknowns, z, np.ones(y.shape[1])), rows
