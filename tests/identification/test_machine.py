@@ -144,6 +144,7 @@ def test_a_joint_region_holds_its_estimate_and_not_what_is_far_off():
         found.holds(own, level=1.0)
 
 
+@pytest.mark.slow
 def test_drives_and_friction_of_an_arm_that_holds_nothing():
     """Exact torques give the values of the joints, and a chain that has them."""
     found = hf.identify(BARE, rubbing(), by="tau", unknowns=OF_JOINTS)
@@ -243,6 +244,7 @@ def test_time_between_torques_and_positions():
     assert found.others["time_offset"][0] == pytest.approx(0.006, abs=5e-4)
 
 
+@pytest.mark.slow
 def test_huber_keeps_outliers_from_the_estimate():
     """Torques of which some are absurd give friction all the same."""
     given, random = rubbing(), np.random.default_rng(3)
