@@ -98,7 +98,7 @@ def assess(
     whole = [recording_of(one, chain) for one in _listed(recordings)]
     found = identify(chain, whole, **given)
     errors, rows = zip(*(explained(found.chain, one, by, found.others) for one in whole), strict=True)
-    measured = [one.y for one in rows]
+    measured = tuple(one.y for one in rows)
     fitted = _rms(np.concatenate(errors))
     later = _held_out(chain, whole, held_out, given)
     names = _channel_names(chain, by)
@@ -107,7 +107,7 @@ def assess(
         by=by,
         channels=names,
         t=tuple(one.t for one in rows),
-        measured=tuple(measured),
+        measured=measured,
         errors=errors,
         fitted=fitted,
         held_out=later,

@@ -34,7 +34,7 @@ from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.state import Inputs, State
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +93,8 @@ class MechanismStepper:
     def evaluate(self, t: float, state: State, memory: Any) -> MechanismMoment:
         """Return the chain at a given state; see `Stepper`."""
         chain = self.environment.chain
-        given, tau, memory = self._arguments(t, state, memory)
-        now, inputs = self.engine.instant(given), self.environment.at(t, state)[1]
+        given, tau, memory, inputs = self._arguments(t, state, memory)
+        now = self.engine.instant(given)
         sample, found = ForestSample(t, given, now), (now, now.power)
         return MechanismMoment(t, state, chain, inputs, tau, memory, *found, sample=sample, engine=self.engine)  # pyright: ignore
 
@@ -131,8 +131,8 @@ class MechanismStepper:
     def _friction(self) -> Array:
         return joint_friction(self.environment.chain)
 
-    def _arguments(self, t: float, state: State, memory: Any) -> tuple[ForestArguments, Array, Any]:
-        """Return the arguments of the forest at a time and state, the torques of the drives, and the memory."""
+    def _arguments(self, t: float, state: State, memory: Any) -> tuple[ForestArguments, Array, Any, Inputs]:
+        """Return the arguments of the forest at a time and state, the torques of the drives, the memory and inputs."""
         chain = self.environment.chain
         tau, memory = torques_and_memory(self.controller(t, state, memory))
         tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
@@ -142,7 +142,7 @@ class MechanismStepper:
         net = given.tau.copy()
         if self._friction.any():
             net[joint_rows(chain)] -= friction_torque(self._friction, state.qd)
-        return given._replace(tau=net), tau, memory
+        return given._replace(tau=net), tau, memory, inputs
 
 
 class MechanismSteppers:
