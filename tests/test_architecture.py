@@ -2,6 +2,7 @@
 
 import ast
 import functools
+import importlib
 import inspect
 import statistics
 import subprocess
@@ -293,6 +294,15 @@ def test_unknown_name():
     for module in (holdfast, holdfast.dynamics):
         with pytest.raises(AttributeError, match=rf"{module.__name__}.*no_such_name"):
             _ = module.no_such_name
+
+
+def test_a_name_asked_for_at_the_wrong_place():
+    """The error for a name that stands elsewhere says where."""
+    for path in PUBLIC:
+        place, _, name = f"holdfast.{path}".rpartition(".")
+        for wrong in {"holdfast", "holdfast.forces"} - {place}:
+            with pytest.raises(AttributeError, match=rf"^{wrong} has no '{name}'; try {place}\.{name}$"):
+                getattr(importlib.import_module(wrong), name)
 
 
 def fresh(code: str) -> str:

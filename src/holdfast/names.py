@@ -5,15 +5,17 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import lazy_loader
 
-from holdfast import errors
 from holdfast.errors import CallError, StateError, UnknownName
 
+PLAIN = ("world.py", "plot.py", "errors.py")  # public modules that are one file
 MOST_LISTED = 40  # names in a message that lists what is known
 RENAMED = {
     "squeeze": "internal_force",
@@ -41,11 +43,22 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
-    """Return the error for a name that a package does not have."""
+    """Return the error for a name that a package does not have, with the place of that name elsewhere in holdfast."""
     name = " ".join(name.split())[:80]
-    if package != "holdfast.errors" and hasattr(errors, name) and name[0].isupper():
-        return UnknownName(f"{package} has no '{name}'; try holdfast.errors.{name}")
+    if (place := _place_of(name)) not in (None, package):
+        return UnknownName(f"{package} has no '{name}'; try {place}.{name}")
     return UnknownName(f"{package} has no '{name}'.{did_you_mean(name, known)}")
+
+
+def _place_of(name: str) -> str | None:
+    """Return the module in which users find a public name, read from the sources because `hasattr` asks, too."""
+    states = re.compile(rf"^(class {re.escape(name)}\b|from \S+ import (\w+ as )?{re.escape(name)}$)", re.MULTILINE)
+    top = Path(__file__).parent
+    for file in (top / "__init__.pyi", *(top / each for each in PLAIN), *sorted(top.glob("*/__init__.pyi"))):
+        if states.search(file.read_text(encoding="utf-8")):
+            place = file.parent if file.stem == "__init__" else file.with_suffix("")
+            return ".".join(("holdfast", *place.relative_to(top).parts))
+    return None
 
 
 def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
