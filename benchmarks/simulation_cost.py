@@ -80,6 +80,7 @@ def costs() -> Iterator[tuple[str, float]]:
         ),
         ("`simulate`, a `ControlLaw`, a wrench that is a Python function of time", rigid, state, law, {"inputs": push}),
         ("`simulate`, a `ControlLaw`", rigid, state, law, {}),
+        ("`simulate`, a `ControlLaw`, by the adaptive scheme", rigid, state, law, {"scheme": "dop853"}),
         ("`simulate`, a `ControlLaw`, soft fingers with friction", gripped, state, law, {}),
         (
             "`simulate`, hands with two fingers each, a Python function called at every stage",

@@ -36,6 +36,7 @@ class Options:
         held: whether steps hold as many rows of the constraint as its generic rank (see `held_rows`).
         implicit: whether additional joint armatures and torques are inputs, for the stages of implicit steps.
         resolution: whether steps notice that they may not follow the motion (`simulation.resolution`).
+        adaptive: whether steps estimate their error and compare it with a tolerance, an input.
         stages: number of stages of a step with given values (`rollout.stage_values`); 0 if a law computes torques.
         further: names of further run-time parameters, of the questions that have them as `optional`.
         iterations: number of iterations of questions that are `iterative`; None for each one's own.
@@ -48,6 +49,7 @@ class Options:
     held: bool = False
     implicit: bool = False
     resolution: bool = False
+    adaptive: bool = False
     stages: int = 0
     further: tuple[str, ...] = ()
     iterations: int | None = None

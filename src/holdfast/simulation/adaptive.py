@@ -11,7 +11,8 @@ import numpy as np
 
 from holdfast.errors import HoldfastError, ModelError, StateError
 from holdfast.model import checks
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, sqrt, where
+from holdfast.spatial.vector import largest
 from holdfast.state import State
 
 RTOL = 1e-8
@@ -41,26 +42,27 @@ class Tolerance:
         atol = self.rtol if self.atol is None else self.atol
         put(self, "atol", checks.number(atol, "tolerance: atol", above=0.0))
 
-    def allowed(self, before: State, after: State) -> Array:
-        """Return the error allowed in each entry of a step's increment, without the work, (2 n + 12 bodies,)."""
-        assert self.atol is not None
-        sizes = np.maximum(_sizes(before), _sizes(after))
-        n = len(before.q)
-        return self.atol + self.rtol * np.repeat(sizes, [n, n, *[3] * (len(sizes) - 2)])
-
     def ratio(self, estimates: Sequence[Array], before: State, after: State) -> float:
-        """Return the estimated error of a step divided by the allowed error; see `error_ratio`; 0 without estimates.
+        """Return the estimated error of a step divided by the allowed error; see `error_ratio`.
 
         Args:
             estimates: empty, or the estimates of orders 5 and 3, each laid out as an `increment`.
             before: the state at the step's start.
             after: the state at its end.
         """
-        return error_ratio(estimates, self.allowed(before, after)) if estimates else 0.0
+        assert self.atol is not None
+        return error_ratio(estimates, allowed_error(self.rtol, self.atol, before, after))
 
 
-def error_ratio(estimates: Sequence[Array], allowed: Array) -> float:
-    """Return the estimated error of a step divided by the allowed error, in the mean square.
+def allowed_error(rtol: Scalar, atol: Scalar, before: State, after: State) -> Array:
+    """Return the error allowed in each entry of a step's increment, without the work, (2 n + 12 bodies,)."""
+    sizes = [atol + rtol * maximum(*pair) for pair in zip(_sizes(before), _sizes(after), strict=True)]
+    n = len(before.q)
+    return array([sizes[0]] * n + [sizes[1]] * n + [size for size in sizes[2:] for _ in range(3)])
+
+
+def error_ratio(estimates: Sequence[Array], allowed: Array) -> Scalar:
+    """Return the estimated error of a step divided by the allowed error, in the mean square; 0 without estimates.
 
     With e_5 and e_3 the root mean squares of the two estimates, the error is e_5^2 / sqrt(e_5^2 + e_3^2 / 100).
     This is Hairer's estimate of order 7; a single linear combination of these stages does not reach that order.
@@ -69,17 +71,21 @@ def error_ratio(estimates: Sequence[Array], allowed: Array) -> float:
         estimates: the estimates of orders 5 and 3.
         allowed: the error allowed in each of their first entries; that of the others, the work, is not controlled.
     """
-    fifth, third = (float(np.mean((e[: len(allowed)] / allowed) ** 2)) for e in estimates)
-    return fifth / math.sqrt(fifth + 0.01 * third) if fifth > 0.0 else 0.0
+    if not estimates:
+        return 0.0
+    n = len(allowed)
+    fifth, third = (sum((e[:n] / allowed) ** 2) / n for e in estimates)
+    found = fifth > 0.0
+    return where(found, fifth / sqrt(where(found, fifth + 0.01 * third, 1.0)), 0.0)
 
 
-def _sizes(state: State) -> Array:
-    """Return the sizes of q and qd, and of the attitude, p, omega and v of each free body, (6,) or (10,)."""
+def _sizes(state: State) -> list[Scalar]:
+    """Return the sizes of q and qd, and of the attitude, p, omega and v of each free body, 6 or 10."""
     groups = [state.q, state.qd]
     for pose, twist in ((state.object_pose, state.object_twist), (state.base_pose, state.base_twist)):
         if pose is not None and twist is not None:
             groups += [np.ones(1), pose[4:], twist[:3], twist[3:]]
-    return np.array([np.abs(x).max(initial=0.0) for x in groups])
+    return [largest(x) for x in groups]
 
 
 if TYPE_CHECKING:

@@ -117,7 +117,7 @@ class MechanismStepper:
         except ModelError:  # as of serial chains, see `stepper.attempted`
             failure = StateError("the step overflows float64; try a smaller time step")
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
-        error = error_ratio(step.estimates, self._allowed(now, later)) if step.estimates else 0.0
+        error = error_ratio(step.estimates, self._allowed(now, later))
         return Advance(end, later, _gaps(step.drift, later), step.work, error)
 
     def _allowed(self, before: MechanismMoment, after: MechanismMoment) -> Array:

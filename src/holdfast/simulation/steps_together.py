@@ -67,7 +67,7 @@ def stepper_of(segment: Segment) -> FusedStepper | None:
     whole = stepper.whole if isinstance(stepper, SubdividingStepper) else stepper
     if isinstance(stepper, SubdividingStepper) and isinstance(whole, PythonLawStepper):
         return None  # whose steps are not screened
-    return whole if isinstance(whole, FusedStepper) else None
+    return whole if isinstance(whole, FusedStepper) and not whole.scheme.adaptive else None
 
 
 def next_ends(at: RunState, most: int) -> tuple[Array, Array]:

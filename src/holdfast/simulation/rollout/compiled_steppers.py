@@ -47,6 +47,9 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 STEPS_WORTH_COMPILING = 45  # steps: compiling takes as long as about this many steps without machine code
+ADAPTIVE_WORTH_COMPILING = (
+    200  # steps of the twelve stages of an adaptive scheme, taken stage by stage, as long as that
+)
 COST_OF_VERIFICATION = 16  # with limits, the evaluations inside a step cost about as much as this many steps
 
 
@@ -104,8 +107,7 @@ class StagewiseStepper:
             if len(ends) == 1:
                 return [Advance(ends[0], None, NO_GAPS, np.zeros(4), failure=cause)]
             return [self.advance(now, [end])[0] for end in ends]  # a failure of one end must not affect the others
-        adaptive, ratio = self.scheme.adaptive, self.tolerance.ratio
-        errors = [ratio(step.estimates, now.state, step.later.state) if adaptive else 0.0 for step in steps]
+        errors = [self.tolerance.ratio(step.estimates, now.state, step.later.state) for step in steps]
         return [
             Advance(end, step.later, step.gaps, step.work, error)
             for end, step, error in zip(ends, steps, errors, strict=True)
@@ -309,7 +311,8 @@ def stepper_for(
     """Return the most suitable stepper for a run; the results of all steppers agree up to rounding.
 
     A `ControlLaw`, and a controller or base motion whose attribute `traceable` is True, become part of the machine
-    code. All other functions are called in Python, once a stage. Steps of adaptive schemes are taken stage by stage.
+    code. All other functions are called in Python, once a stage. Runs with few steps of an adaptive scheme, and those
+    under Python functions, are taken stage by stage.
 
     Args:
         environment: the chain, its base motions and external inputs.
@@ -333,10 +336,10 @@ def stepper_for(
     law, values = law_of(controller, chain), getattr(controller, "values", {})
     motions, constant = environment.base_motion.values(), isinstance(environment.inputs, Inputs)
     traceable = not _move_bases(acting) and all(getattr(motion, "traceable", False) for motion in motions)
-    if traceable and not scheme.adaptive:
+    if traceable and (not scheme.adaptive or steps >= ADAPTIVE_WORTH_COMPILING):
         if law is not None and constant:
-            return FusedStepper.of(environment, law, scheme, generic_rank, values)
-        if not scheme.implicit:
+            return FusedStepper.of(environment, law, scheme, generic_rank, values, tolerance)
+        if not scheme.implicit and not scheme.adaptive:
             return PythonLawStepper.of_controller(environment, controller, scheme, generic_rank, law)
     if on_links or _moves_trunk_base(environment, acting):  # stagewise steps do not support this
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)

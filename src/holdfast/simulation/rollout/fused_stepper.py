@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from holdfast.compiled.structure import Options
 from holdfast.compiler.program import Shape
 from holdfast.control.controller import ControlLaw
 from holdfast.questions.arrays import FLOATING, STATE, state_of
+from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import no_turns
 from holdfast.simulation.instant import Instant
@@ -66,9 +67,10 @@ class FusedStepper:
     Attributes:
         environment: the chain, its base motions and external inputs.
         kernel: the compiled step.
-        scheme: the Runge-Kutta scheme, which must not be adaptive.
+        scheme: the Runge-Kutta scheme.
         generic_rank: rank of the constraint away from singular configurations.
         values: values of the law's parameters, with the names of the kernel.
+        tolerance: the tolerance by which the estimated errors are divided to give `Advance.error`.
     """
 
     environment: Environment
@@ -76,6 +78,7 @@ class FusedStepper:
     scheme: Tableau
     generic_rank: int
     values: Mapping[str, Array] = field(default_factory=dict)
+    tolerance: Tolerance = field(default_factory=Tolerance)
 
     @classmethod
     def of(
@@ -85,11 +88,12 @@ class FusedStepper:
         scheme: Tableau,
         generic_rank: int,
         values: Mapping[str, Array] | None = None,
+        tolerance: Tolerance | None = None,
     ) -> FusedStepper:
         """Return the stepper for a law with the given values of its parameters."""
-        motions, options = environment.base_motion, options_for(environment)
+        motions, options = environment.base_motion, replace(options_for(environment), adaptive=scheme.adaptive)
         kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=motions, options=options, quick=True)
-        return cls(environment, kernel, scheme, generic_rank, by_name(values or {}))
+        return cls(environment, kernel, scheme, generic_rank, by_name(values or {}), tolerance or Tolerance())
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
@@ -201,7 +205,8 @@ class FusedStepper:
         if fault is not None:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=fault)
         instant = self.instant(systems, row, end, memory)
-        return Advance(end, instant, gaps_of(systems, row), systems["work"][row].copy())
+        error = float(systems["error"][row]) if self.scheme.adaptive else 0.0
+        return Advance(end, instant, gaps_of(systems, row), systems["work"][row].copy(), error)
 
     def replies(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
         """Return the replies to requests; see `Stepper`."""
@@ -275,6 +280,7 @@ class FusedStepper:
         return {
             **wrench_arrays(self._taken, self._acting),
             "search": np.array(0.0),
+            "tolerance": np.array([self.tolerance.rtol, self.tolerance.atol]),
             **self.values,
         }  # `simulate` searches itself
 

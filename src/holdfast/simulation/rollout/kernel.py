@@ -61,6 +61,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dic
     found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
     found |= {"worst_margin": grasps, "worst_time": grasps}
     found |= {"resolution": (4,)} if options.resolution else {}
+    found |= {"error": ()} if options.adaptive else {}
     found |= {stage_values.ASKED: stage_values.asked_shape(chain, options.stages)} if options.stages else {}
     if options.held:  # for velocity and, if they differ, for position; see `dynamics.closed.held_rows`
         found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
@@ -70,7 +71,9 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dic
 def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:
     """Return the arrays of a step: inputs, parameters, and carried arrays."""
     chain, options = structure.chain, structure.options
-    own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "keep_rows", "notice", "generic_rank"), ())
+    own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "keep_rows", "notice", "generic_rank"), ()) | {
+        "tolerance": (2,)
+    }
     n = chain.joint_count
     own |= {"limits": (4, n), "added_armature": (n,), "added_torque": (n,)}
     of_law = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
@@ -79,6 +82,7 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
     inputs += ["keep_rows"] if options.held else []
     inputs += ["notice"] if options.resolution else []
+    inputs += ["tolerance"] if options.adaptive else []
     inputs += ["added_armature", "added_torque"] if options.implicit else []
     parameters = [*STEP_PARAMETERS, *(link_parameters(chain) if options.link_inertia else ())]
     parameters += BASE_MOTION if options.base_motion else ()

@@ -27,6 +27,7 @@ from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Gap, after_step,
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, state_fields
+from holdfast.simulation.adaptive import allowed_error, error_ratio
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment, GivenInputs
 from holdfast.simulation.increment import accelerations_of, increment_rate, no_turns, velocities_of
@@ -249,7 +250,7 @@ def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
 def step_of(system: TracedSystem, tableau: Tableau) -> dict[str, Any]:
     """Return the same of a traced system."""
     given = system.given
-    now, (drift, gaps), work, _ = system.step_from(tableau, system.last("slope"))
+    now, (drift, gaps), work, estimates = system.step_from(tableau, system.last("slope"))
     end, found = now.state, now.found
     whole = found.whole
     kept = {name: getattr(end, field) for name, field in state_fields(system.real).items()}
@@ -262,6 +263,9 @@ def step_of(system: TracedSystem, tableau: Tableau) -> dict[str, Any]:
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, drift, gaps, passed)
     code, known = resolution(system, end, kept, code) if "last.resolution" in given else (code, {})
+    if "tolerance" in given:
+        rtol, atol = given["tolerance"]
+        known = {**known, "last.error": array(error_ratio(estimates, allowed_error(rtol, atol, system.state, end)))}
     return {**carried(system, kept, code, work, system.time(1.0), concatenate([drift, gaps])), **known}
 
 
