@@ -81,10 +81,11 @@ def random_scene(number: int) -> Scene:
     state = hf.State(np.zeros(n), np.zeros(n), pose, twist if not arms else np.zeros(6))
     if arms:
         state = hf.dynamics.project_velocity(chain, state)
-    push = dice.normal(size=n) * 5.0
+    size = np.array([1.0 if joint.kind == "prismatic" else 0.01 for joint in chain.all_joints])
+    push = dice.normal(size=n) * 5.0 * size
 
     def law(t: float, now: hf.State, memory: object) -> tuple[np.ndarray, object]:
-        return push - 2.0 * now.qd, memory
+        return push - 2.0 * size * now.qd, memory
 
     return Scene(f"{words}, friction {of_all['friction']:.2f}, e {of_all['restitution']:.2f}", chain, state, law)
 

@@ -99,8 +99,8 @@ class Touch(Frozen):
         velocity: (k, 3) u, contact axes [m/s]; (k, 4) likewise.
         modes: the modes, with the slip directions of this instant.
         slip_speed: (k,) velocity along the direction of slip at the step's start; infinite unless slipping [m/s].
-        turning_time: the shortest time in which friction turns a slip into its own direction, |u_t| over the
-            acceleration that friction gives; infinite where no slip turns [s].
+        turning_time: the shortest time in which a slip may turn into another direction, |u_t| over its acceleration,
+            or over the one that friction gives if that is larger; infinite where no slip turns [s].
     """
 
     rows: ContactRows
@@ -162,16 +162,34 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
     force, turning, begins = np.zeros(u.shape), np.inf, modes.begins
     if len(modes.closed):
         P = at_rest.mobility(state)
-        for _ in range(1 + MOST_TURNS * bool(begins)):
-            force, moving = _imposing(rows, P, acceleration, modes, directions)
-            turned = _turned(rows, force, begins, directions)
-            done = np.abs(turned - directions).max(initial=0.0) < SAME_DIRECTION
-            directions = turned
-            if done:
-                break
+        directions, (force, moving) = _along_law(rows, P, acceleration, modes, directions)
         slip = _in_world(rows, directions, begins, slip)
-        turning, begins = _turning(rows, P, moving, u, force, modes)
+        speed, turning, begins = _turning(rows, P, moving, u, force, modes, speed)
     return Touch(rows, force, u, replace(modes, slip=slip, begins=begins), speed, turning)
+
+
+def _along_law(
+    rows: ContactRows, P: Array, acceleration: Array, modes: ContactModes, directions: Array
+) -> tuple[Array, tuple[Array, Array]]:
+    """Return the directions of slips, of those that begin by the law, and what `_imposing` returns for them.
+
+    A direction that is off by d gives friction that is off by -q d, q the acceleration over the one that friction
+    gives, so that the mean (t_friction + q t) / (1 + q) is right at once if the mobility has no preferred direction.
+    """
+    for _ in range(MOST_TURNS):
+        found = force, moving = _imposing(rows, P, acceleration, modes, directions)
+        turned, along = directions.copy(), tangents(force)
+        for j in modes.begins:
+            C, size = rows.C[j, along], float(np.linalg.norm(force[j, along]))
+            if size > 0.0 > force[j, along] @ directions[j]:
+                a, given = directions[j] @ (C @ moving + rows.drift[j, along]), size * np.linalg.norm(C @ P @ C.T, 2)
+                mean = max(a, 0.0) / given * directions[j] - force[j, along] / size
+                turned[j] = mean / np.linalg.norm(mean)
+        off = np.abs(turned - directions).max(initial=0.0)
+        directions = turned
+        if off < SAME_DIRECTION:
+            break
+    return directions, found
 
 
 def _imposing(
@@ -190,16 +208,6 @@ def _imposing(
     return force, acceleration + P @ (x @ D)
 
 
-def _turned(rows: ContactRows, force: Array, begins: frozenset[int], directions: Array) -> Array:
-    """Return the directions of slips against friction, of those that have just begun."""
-    found, along = directions.copy(), tangents(force)
-    for j in begins:
-        size = float(np.linalg.norm(force[j, along]))
-        if size > 0.5 * rows.friction[j] * force[j, 2] > 0.0 > force[j, along] @ directions[j]:
-            found[j] = -force[j, along] / size
-    return found
-
-
 def _in_world(rows: ContactRows, directions: Array, begins: frozenset[int], slip: Array) -> Array:
     found = slip.copy()
     for j in begins:
@@ -208,23 +216,39 @@ def _in_world(rows: ContactRows, directions: Array, begins: frozenset[int], slip
 
 
 def _turning(
-    rows: ContactRows, P: Array, acceleration: Array, u: Array, force: Array, modes: ContactModes
-) -> tuple[float, frozenset[int]]:
-    """Return `Touch.turning_time`, and the contacts that still begin to slip; with the acceleration that they have."""
-    along, shortest, begins = tangents(u), np.inf, set(modes.begins)
+    rows: ContactRows, P: Array, acceleration: Array, u: Array, force: Array, modes: ContactModes, speed: Array
+) -> tuple[Array, float, frozenset[int]]:
+    """Return `Touch.slip_speed`, `Touch.turning_time`, and the contacts that still begin to slip.
+
+    A slip that turns need not pass zero where it stops: it has stopped below `STOPPED_SPEED`.
+
+    Args:
+        rows: the contacts.
+        P: mobility of object and tips.
+        acceleration: of object and tips, with the forces.
+        u: (k, 3 or 4) velocities.
+        force: (k, 3 or 4) forces.
+        modes: the modes.
+        speed: (k,) along the slip before.
+    """
+    along, shortest, begins, speed = tangents(u), np.inf, set(modes.begins), speed.copy()
     for j in np.flatnonzero(modes.mode == ContactMode.SLIPS).tolist():
         C, t = rows.C[j, along], u[j, along]
         size = float(np.linalg.norm(t))
         given = float(rows.friction[j] * force[j, 2] * np.linalg.norm(C @ P @ C.T, 2))
         if j in begins:
             begins -= {j} if size > BEGINS_FOR * given else set()
-        if j in begins or size <= STOPPED_SPEED or not given > 0.0:
+        if j in begins or not min(size, given) > 0.0:
             continue
         a = C @ acceleration + rows.drift[j, along]
         across = a - t * float(t @ a) / size**2
-        if np.linalg.norm(across) > STRAIGHT * given:
-            shortest = min(shortest, size / given)
-    return shortest, frozenset(begins)
+        if np.linalg.norm(across) <= STRAIGHT * given:
+            continue
+        if size > STOPPED_SPEED:
+            shortest = min(shortest, size / max(given, float(np.linalg.norm(a))))
+        elif t @ a < 0.0:
+            speed[j] = min(speed[j], size - STOPPED_SPEED)
+    return speed, shortest, frozenset(begins)
 
 
 def _slip(rows: ContactRows, u: Array, modes: ContactModes) -> tuple[Array, Array, Array]:
