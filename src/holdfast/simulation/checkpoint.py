@@ -135,6 +135,7 @@ class Checkpoint:
         }
         if self.contacts is not None:
             arrays |= {"contacts.mode": self.contacts.mode, "contacts.slip": self.contacts.slip}
+            data["begins"] = sorted(self.contacts.begins)
             arrays |= {} if self.least_gap is None else {"contacts.least_gap": self.least_gap}
             data["hands"] = [_grasp_data(hand.arm, hand.grasp, arrays) for hand in self.contacts.hands]
         return arrays, data
@@ -150,7 +151,12 @@ class Checkpoint:
             previous, contacts = data["previous"], None
             if "contacts.mode" in arrays:
                 hands = tuple(Hand(*_grasp(given, arrays)) for given in data["hands"])
-                contacts = ContactModes(np.array(arrays["contacts.mode"]), np.array(arrays["contacts.slip"]), hands)
+                contacts = ContactModes(
+                    np.array(arrays["contacts.mode"]),
+                    np.array(arrays["contacts.slip"]),
+                    hands,
+                    frozenset(data.get("begins", ())),
+                )
             return cls(
                 now=_origin("now", data["now"], arrays),
                 previous=None if previous is None else _origin("previous", previous, arrays),

@@ -62,7 +62,11 @@ class ContactStepper(ReferenceStepper):
             state, gaps = request.state, NO_GAPS
             if chain.grasps:
                 state, gaps = back_on_constraint(self.environment, request.t, request.state, held)
-            closed = on_contacts(chain, state, modes, held)
+            closed = on_contacts(chain, state, replace(modes, begins=frozenset()), held)
+            if modes.begins:  # their slip turns into its direction at the step's end
+                touch = self._in_modes(request.t, closed, now.memory, held, modes).touch
+                assert touch is not None
+                closed = on_contacts(chain, closed, replace(touch.modes, begins=modes.begins), held)
             if not chain.grasps:
                 return closed, gaps
             after = largest_gaps(chain, closed, inputs.shaped(chain))

@@ -153,7 +153,8 @@ def hands_after(
     width = 4 if any(hand.torsion_radius for hand in slides) else 3
     again = {**chain.grasps, **regripped(chain, found.state, holds, taking.grasps)}
     grasps = {name: again[name] for name in chain.names if name in again}
-    return grasps, ContactModes(modes.mode[keep], modes.slip[keep, :width], tuple(slides)), news
+    begins = frozenset(new for new, old in enumerate(keep.tolist()) if old in modes.begins)
+    return grasps, ContactModes(modes.mode[keep], modes.slip[keep, :width], tuple(slides), begins), news
 
 
 def same_hands(a: Sequence[Hand], b: Sequence[Hand]) -> bool:

@@ -37,6 +37,8 @@ from holdfast.simulation.stepper import Advance, Stepper
 from holdfast.simulation.verification import MarginCurves, StepMargins, in_doubt, minima, verify
 from holdfast.spatial.scalar import Array
 
+TURNING = 0.5  # longest step, relative to the time in which friction turns a slip
+SHORTEST_TURN = 1e-9  # s: the shortest step for that
 LARGEST_RATE = 1e30  # rad/s or m/s: the squares of faster rates soon overflow float64
 
 
@@ -75,7 +77,7 @@ class RunState:
 def stepped(at: RunState) -> RunState:
     """Return the run after a step, or ended before a singular configuration that it may not pass."""
     segment, now, settings = at.segment, at.now, at.segment.settings
-    until = float(settings.stops.times[at.checkpoint.stop])
+    until = _followed(now, float(settings.stops.times[at.checkpoint.stop]))
     if not segment.finds_singular:
         return _step_to(at, until)
     goes_on = settings.policy.on_singular == "continue"
@@ -91,6 +93,13 @@ def stepped(at: RunState) -> RunState:
     if goes_on and configuration.unique:
         return _towards(at, configuration.t - now.t, step)
     return _ended(at, configuration)
+
+
+def _followed(now: Instant, until: float) -> float:
+    """Return the end of a step in which friction can turn with slips; it turns without bound where one stops."""
+    if now.touch is None:
+        return until
+    return min(until, now.t + max(TURNING * now.touch.turning_time, SHORTEST_TURN))
 
 
 def _step_and_configuration(at: RunState, until: float) -> tuple[RunState | None, SingularConfiguration | None]:

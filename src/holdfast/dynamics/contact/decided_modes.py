@@ -19,7 +19,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_a
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.contact.collision import Collision, impact
-from holdfast.dynamics.contact.fixed_modes import ContactModes, on_contacts, slip_in_world, tangents
+from holdfast.dynamics.contact.fixed_modes import STOPPED_SPEED, ContactModes, on_contacts, slip_in_world, tangents
 from holdfast.dynamics.contact.rows import ContactRows, rows_in_world
 from holdfast.dynamics.contact.sliding_hands import (
     Hand,
@@ -43,7 +43,6 @@ from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
 
 APPROACH_SPEED = 1e-9  # m/s: a slower approach is rounding
-STOPPED_SPEED = 1e-6  # m/s: a slower slip has stopped
 REST_SPEED = 1e-3  # m/s: contacts that approach more slowly do not rebound
 JAMS = 3  # impulses without collision at one instant, at most
 
@@ -127,7 +126,7 @@ def decided(
     closed = np.flatnonzero(near)
     base = np.zeros(6)
     total, slow, change, jammed, jams = np.zeros((k, 3)), np.zeros(k), 0.0, False, False
-    mode, slip, solution = np.zeros(k, int), np.zeros((k, d)), None
+    mode, slip, solution, begins = np.zeros(k, int), np.zeros((k, d)), None, frozenset[int]()
     for _ in range(1 + JAMS):
         rows = touching_rows(chain, state, hands)
         motion = holding(chain_at_rest(chain, state), held)
@@ -152,7 +151,7 @@ def decided(
             state = quickened(state, response.change)
             u = rows.velocity(stacked_twist(chain, state, hands))
         stays = closed[np.abs(u[closed, 2]) < 10.0 * APPROACH_SPEED]
-        state, mode, slip, solution = _accelerated(chain, state, accelerate, held, stays, P, reached, hands)
+        state, mode, slip, begins, solution = _accelerated(chain, state, accelerate, held, stays, P, reached, hands)
         jammed = solution.status in (ContactStatus.JAMMED, ContactStatus.UNRESOLVED)
         if not jammed:
             break
@@ -167,7 +166,8 @@ def decided(
     of_world = k - len(point_owners(hands))
     for l, p in zip(rows.point[:of_world], total, strict=False):
         base += np.concatenate([np.cross(state.object_frame.p + l, p), p])
-    return Decision(state, ContactModes(mode, slip, hands), total, base, change, jams, rebounding, solution.status)
+    modes = ContactModes(mode, slip, hands, begins)
+    return Decision(state, modes, total, base, change, jams, rebounding, solution.status)
 
 
 def _base_impulse(motion: ChainMotion, found: Solution) -> Array:
@@ -190,8 +190,8 @@ def _accelerated(
     P: Array,
     reached: Reached,
     hands: tuple[Hand, ...],
-) -> tuple[State, Array, Array, ContactSolution]:
-    """Return the state with velocities on the contacts that stay, their modes and slips, and the forces."""
+) -> tuple[State, Array, Array, frozenset[int], ContactSolution]:
+    """Return the state with velocities on the contacts that stay, their modes, slips and which begin, and the forces."""
     rows = touching_rows(chain, state, hands)
     u = rows.velocity(stacked_twist(chain, state, hands))
     (k, d), along = u.shape, tangents(u)
@@ -229,7 +229,8 @@ def _accelerated(
         if mode[j] == ContactMode.SLIPS:
             t = direction[j] if direction[j].any() else a[along] / max(float(np.linalg.norm(a[along])), 1e-300)
             slip[j] = slip_in_world(rows.axes[j], t)
-    return state, mode, slip, found
+    slips = np.flatnonzero((mode == ContactMode.SLIPS) & (rows.friction > 0.0))
+    return state, mode, slip, frozenset(j for j in slips.tolist() if not direction[j].any()), found
 
 
 def _beginning(

@@ -8,6 +8,10 @@ without contact forces. Redundant contacts share the load by the least norm of x
 
 The direction of friction is continued smoothly through a stop: just past it, -mu lambda_n t still points against the
 slip before. Only then can the time of the stop be located as the zero of a smooth function.
+
+Friction turns a slip into its own direction in the time |u_t| / (mu lambda_n |C_t P C_t^T|), which is next to nothing
+where slip begins. There the direction follows from the law: acceleration and friction are opposite, a_t = s t and
+lambda_t = -mu lambda_n t with s >= 0. Such a contact imposes its rows across t besides, and t is found by repetition.
 """
 
 from __future__ import annotations
@@ -35,7 +39,11 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
+STOPPED_SPEED = 1e-6  # m/s: a slower slip has stopped
 SLOWEST_SLIP = 1e-7  # m/s: a slower slip has no direction of its own
+BEGINS_FOR = 5e-4  # s: the time in which friction turns a slip from which its direction is its own
+MOST_TURNS, SAME_DIRECTION = 30, 1e-13
+STRAIGHT = 1e-9  # of the acceleration by friction: less across a slip does not turn it
 DEPENDENT = 1e-11  # singular values below this part of the largest are those of dependent rows
 SETTLED_GAP = 1e-15  # m
 ROUNDS = 3
@@ -50,23 +58,34 @@ class ContactModes(Frozen):
         slip: (k, 3) unit vectors along the slip of slipping contacts, world axes; 0 for others. (k, 4) with soft
             fingers, whose fourth component is the spin times the torsion radius.
         hands: hands that slide, whose points follow the contacts with the world.
+        begins: contacts whose slip has just begun, and takes its direction from the law.
     """
 
     mode: Array
     slip: Array
     hands: tuple[Hand, ...] = ()
+    begins: frozenset[int] = frozenset()
 
     @property
     def closed(self) -> Array:
         """The indices of the contacts that are closed."""
         return np.flatnonzero(self.mode != ContactMode.OPEN)
 
-    def imposed(self) -> tuple[Array, Array]:
-        """Return contact and axis of every imposed row, (m,) each."""
-        every = range(self.slip.shape[1])
-        pairs = [(j, i) for j in self.closed for i in (every if self.mode[j] == ContactMode.STICKS else (2,))]
-        found = np.array(pairs, dtype=int).reshape(-1, 2)
-        return found[:, 0], found[:, 1]
+    def imposed(self, directions: Array) -> tuple[Array, Array]:
+        """Return contact (m,) and unit vector (m, 3 or 4) in contact axes of every imposed row.
+
+        Args:
+            directions: (k, 2 or 3) of the slips, contact axes.
+        """
+        of, units, d = [], [np.zeros((0, self.slip.shape[1]))], self.slip.shape[1]
+        for j in self.closed.tolist():
+            rows = np.eye(d) if self.mode[j] == ContactMode.STICKS else np.eye(d)[2:3]
+            if j in self.begins:
+                across = np.insert(np.linalg.svd(directions[j : j + 1])[2][1:], 2, 0.0, axis=1)
+                rows = np.concatenate([rows, across])
+            of += [j] * len(rows)
+            units.append(rows)
+        return np.array(of, dtype=int), np.concatenate(units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +99,8 @@ class Touch(Frozen):
         velocity: (k, 3) u, contact axes [m/s]; (k, 4) likewise.
         modes: the modes, with the slip directions of this instant.
         slip_speed: (k,) velocity along the direction of slip at the step's start; infinite unless slipping [m/s].
+        turning_time: the shortest time in which a slip may turn into another direction, |u_t| over its acceleration,
+            or over the one that friction gives if that is larger; infinite where no slip turns [s].
     """
 
     rows: ContactRows
@@ -87,6 +108,7 @@ class Touch(Frozen):
     velocity: Array
     modes: ContactModes
     slip_speed: Array
+    turning_time: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,19 +158,97 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
     """Return the forces of contacts in given modes from accelerations of object and tips without them."""
     rows = at_rest.rows(state)
     u = rows.velocity(stacked_twist(at_rest.chain, state, modes.hands))
-    force = np.zeros(u.shape)
     directions, slip, speed = _slip(rows, u, modes)
-    of, axis = modes.imposed()
-    if len(of):
+    force, turning, begins = np.zeros(u.shape), np.inf, modes.begins
+    if len(modes.closed):
         P = at_rest.mobility(state)
-        A, gives = rows.C[of, axis], np.eye(u.shape[1])[axis]
-        slips = modes.mode[of] == ContactMode.SLIPS
-        gives[np.ix_(slips, tangents(u))] = -rows.friction[of[slips], None] * directions[of[slips]]
-        D = np.einsum("mia,mi->ma", rows.C[of], gives)
-        b = A @ acceleration + rows.drift[of, axis]
-        x = np.linalg.lstsq(A @ P @ D.T, -b, rcond=DEPENDENT)[0]
-        np.add.at(force, of, x[:, None] * gives)
-    return Touch(rows, force, u, replace(modes, slip=slip), speed)
+        directions, (force, moving) = _along_law(rows, P, acceleration, modes, directions)
+        slip = _in_world(rows, directions, begins, slip)
+        speed, turning, begins = _turning(rows, P, moving, u, force, modes, speed)
+    return Touch(rows, force, u, replace(modes, slip=slip, begins=begins), speed, turning)
+
+
+def _along_law(
+    rows: ContactRows, P: Array, acceleration: Array, modes: ContactModes, directions: Array
+) -> tuple[Array, tuple[Array, Array]]:
+    """Return the directions of slips, of those that begin by the law, and what `_imposing` returns for them.
+
+    A direction that is off by d gives friction that is off by -q d, q the acceleration over the one that friction
+    gives, so that the mean (t_friction + q t) / (1 + q) is right at once if the mobility has no preferred direction.
+    """
+    for _ in range(MOST_TURNS):
+        found = force, moving = _imposing(rows, P, acceleration, modes, directions)
+        turned, along = directions.copy(), tangents(force)
+        for j in modes.begins:
+            C, size = rows.C[j, along], float(np.linalg.norm(force[j, along]))
+            if size > 0.0 > force[j, along] @ directions[j]:
+                a, given = directions[j] @ (C @ moving + rows.drift[j, along]), size * np.linalg.norm(C @ P @ C.T, 2)
+                mean = max(a, 0.0) / given * directions[j] - force[j, along] / size
+                turned[j] = mean / np.linalg.norm(mean)
+        off = np.abs(turned - directions).max(initial=0.0)
+        directions = turned
+        if off < SAME_DIRECTION:
+            break
+    return directions, found
+
+
+def _imposing(
+    rows: ContactRows, P: Array, acceleration: Array, modes: ContactModes, directions: Array
+) -> tuple[Array, Array]:
+    """Return the forces that keep the imposed rows at rest, and the acceleration of object and tips with them."""
+    of, units = modes.imposed(directions)
+    force, gives = np.zeros(modes.slip.shape), units.copy()
+    slips = (modes.mode[of] == ContactMode.SLIPS) & (units[:, 2] != 0.0)
+    gives[np.ix_(slips, tangents(gives))] = -rows.friction[of[slips], None] * directions[of[slips]]
+    A = np.einsum("mia,mi->ma", rows.C[of], units)
+    D = np.einsum("mia,mi->ma", rows.C[of], gives)
+    b = A @ acceleration + (rows.drift[of] * units).sum(axis=1)
+    x = np.linalg.lstsq(A @ P @ D.T, -b, rcond=DEPENDENT)[0]
+    np.add.at(force, of, x[:, None] * gives)
+    return force, acceleration + P @ (x @ D)
+
+
+def _in_world(rows: ContactRows, directions: Array, begins: frozenset[int], slip: Array) -> Array:
+    found = slip.copy()
+    for j in begins:
+        found[j] = slip_in_world(rows.axes[j], directions[j])
+    return found
+
+
+def _turning(
+    rows: ContactRows, P: Array, acceleration: Array, u: Array, force: Array, modes: ContactModes, speed: Array
+) -> tuple[Array, float, frozenset[int]]:
+    """Return `Touch.slip_speed`, `Touch.turning_time`, and the contacts that still begin to slip.
+
+    A slip that turns need not pass zero where it stops: it has stopped below `STOPPED_SPEED`.
+
+    Args:
+        rows: the contacts.
+        P: mobility of object and tips.
+        acceleration: of object and tips, with the forces.
+        u: (k, 3 or 4) velocities.
+        force: (k, 3 or 4) forces.
+        modes: the modes.
+        speed: (k,) along the slip before.
+    """
+    along, shortest, begins, speed = tangents(u), np.inf, set(modes.begins), speed.copy()
+    for j in np.flatnonzero(modes.mode == ContactMode.SLIPS).tolist():
+        C, t = rows.C[j, along], u[j, along]
+        size = float(np.linalg.norm(t))
+        given = float(rows.friction[j] * force[j, 2] * np.linalg.norm(C @ P @ C.T, 2))
+        if j in begins:
+            begins -= {j} if size > BEGINS_FOR * given else set()
+        if j in begins or not min(size, given) > 0.0:
+            continue
+        a = C @ acceleration + rows.drift[j, along]
+        across = a - t * float(t @ a) / size**2
+        if np.linalg.norm(across) <= STRAIGHT * given:
+            continue
+        if size > STOPPED_SPEED:
+            shortest = min(shortest, size / max(given, float(np.linalg.norm(a))))
+        elif t @ a < 0.0:
+            speed[j] = min(speed[j], size - STOPPED_SPEED)
+    return speed, shortest, frozenset(begins)
 
 
 def _slip(rows: ContactRows, u: Array, modes: ContactModes) -> tuple[Array, Array, Array]:
@@ -162,9 +262,10 @@ def _slip(rows: ContactRows, u: Array, modes: ContactModes) -> tuple[Array, Arra
         before = slip_in_axes(rows.axes[j], modes.slip[j])
         speed[j] = t[j] @ before
         size = float(np.linalg.norm(t[j]))
-        d = t[j] / size if size > SLOWEST_SLIP else before / np.linalg.norm(before)
+        own = size > SLOWEST_SLIP and j not in modes.begins
+        d = t[j] / size if own else before / np.linalg.norm(before)
         along[j] = d if d @ before >= 0.0 else -d
-        if size > SLOWEST_SLIP and speed[j] > 0.0:
+        if own and speed[j] > 0.0:
             slip[j] = slip_in_world(rows.axes[j], d)
     return along, slip, speed
 
@@ -219,9 +320,10 @@ def on_contacts(
     if not velocities:
         return state
     rows = at_rest.rows(state)
-    of, axis = modes.imposed()
     u = rows.velocity(stacked_twist(chain, state, modes.hands))
-    push = _removing(at_rest.mobility(state), rows.C[of, axis], u[of, axis])
+    of, units = modes.imposed(_slip(rows, u, modes)[0])
+    A = np.einsum("mia,mi->ma", rows.C[of], units)
+    push = _removing(at_rest.mobility(state), A, (u[of] * units).sum(axis=1))
     return quickened(state, at_rest.change(state, push))
 
 

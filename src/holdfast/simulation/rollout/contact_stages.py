@@ -154,7 +154,14 @@ class StagewiseContactStepper(StagewiseStepper):
         modes = self.modes if now.touch is None else now.touch.modes
         times, states, held = [one.t for one in requests], [one.state for one in requests], now.result.held
         if isinstance(requests[0], ProjectionRequest):
-            return [self._on_contacts(*one, modes) for one in self._closed(times, states, held)]
+            settled = replace(modes, begins=frozenset())
+            found = [self._on_contacts(*one, settled) for one in self._closed(times, states, held)]
+            if not modes.begins:
+                return found
+            closed = [state for state, _ in found]  # whose slips turn into their directions at the step's end
+            touches = self._touching(times, closed, now.memory, held, modes)[2]
+            turned = [replace(touch.modes, begins=modes.begins) for touch in touches]
+            return [self._on_contacts(*one, own) for one, own in zip(found, turned, strict=True)]
         rows = held if isinstance(requests[0], StageRequest) else None
         found, stages, touches = self._touching(times, states, now.memory, rows, modes)
         return [
