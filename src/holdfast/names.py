@@ -41,8 +41,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
-    """Return the error for a name that a package does not have."""
+    """Return the error for a name that a package does not have, with a suggestion unless the name is private."""
     name = " ".join(name.split())[:80]
+    if name.startswith("_"):  # programs ask for these, such as pytest for each namespace that a test imports
+        return UnknownName(f"{package} has no '{name}'")
     if package != "holdfast.errors" and hasattr(errors, name) and name[0].isupper():
         return UnknownName(f"{package} has no '{name}'; try holdfast.errors.{name}")
     return UnknownName(f"{package} has no '{name}'.{did_you_mean(name, known)}")

@@ -1,20 +1,16 @@
 """Motions with contacts against closed forms: the problem cases, and laws of every run."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.io.contact_motion import ContactMotion, error_of
+from holdfast.io.contact_motion import error_of
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.world import HalfSpace, Touching, corners
+from tests.systems.stored_cases import stored_cases
 
-CASES = {
-    case.name.removeprefix("contact_"): case
-    for case in hf.io.load_cases(Path(__file__).parents[2] / "data" / "cases_contact.json")
-    if isinstance(case, ContactMotion)
-}
+STORED = stored_cases("cases_contact.json")
+CASES = {name.removeprefix("contact_"): STORED[name] for name, of in STORED.raw.items() if of["kind"] == "trajectory"}
 BARS = {  # largest relative error by events
     "block_on_slope": 1e-12,
     "ball_slides_then_rolls": 1e-12,
