@@ -86,6 +86,7 @@ def forward(problem):
     return hf.compile(problem.forest).forward_dynamics
 
 
+@pytest.mark.slow
 def test_same_bits(problem, forward):
     """Single, batch, threads, bound, overwritten, pickled: the same bits; a Jacobian is its rates along units."""
     p, rng = problem, np.random.default_rng(4)

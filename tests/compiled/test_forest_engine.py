@@ -21,6 +21,7 @@ SLOW, LONG = pytest.mark.slow, pytest.mark.long
 SEEDS = [4, *(pytest.param(k, marks=SLOW if k in (0, 2, 8) else LONG) for k in range(12) if k != 4)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_steps(seed):
     """Motion, work, forces, gaps and energies of every kind of forest."""

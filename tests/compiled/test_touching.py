@@ -96,6 +96,7 @@ def test_from_given_forces():
         hf.compile(replace(chain, touching=None), parameters=["touch_start"])
 
 
+@pytest.mark.slow
 def test_what_has_no_forces():
     """A closed contact that approaches needs an impulse: an error, or NaN in a batch."""
     chain, state, tau = on_a_table()

@@ -176,6 +176,7 @@ def along_x(s):
     return Target(hf.Pose.translation(s, 0.0, 0.0), np.eye(6)[3], np.zeros(6))
 
 
+@pytest.mark.slow
 def test_bang_bang():
     """One joint: half the way with the largest force, half with the opposite one, 2 sqrt(way m / F)."""
     chain, state, mass = slide()
@@ -302,6 +303,7 @@ def test_speeds():
     assert timed.rate[0] == timed.rate[-1] == timed.fastest[-1] == 0.0
 
 
+@pytest.mark.slow
 def test_plot(tmp_path):
     """The figure shows the three speeds, names what limits them, with units, and is written on request."""
     timed = arc_timed(21)

@@ -28,6 +28,7 @@ from holdfast.forces import ForceCost, ForceLimits, distribute, distribution_par
 from holdfast.spatial import rotation
 from tests.control.kit import CHAIN, DAMPER, HERE, MASS, SPRING, STATE, STIFF, N, moving
 from tests.control.two_pandas import pushes, rubber_pandas, two_pandas
+from tests.longer import mostly_slow
 from tests.planning.examples import mobile
 
 EFFORT = np.array([joint.effort_limit for joint in CHAIN.all_joints])
@@ -51,7 +52,7 @@ def lift(state, height=0.1, duration=0.5):
         pytest.param(("hinge", "softfinger"), marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize("sample_time", [None, 1e-3])
+@pytest.mark.parametrize("sample_time", mostly_slow([None, 1e-3], (None,)))
 def test_the_same_as_compiled_distribute(kinds, sample_time):
     """Asked for the same acceleration, wrenches and posture, `distribute` gives the same, to 1e-8 of the limits.
 

@@ -20,7 +20,9 @@ from tests.systems.problems import relative_gap
 TRUNCATED, EXACT = 1e-8, 1e-12
 GRASPS = ("rigid", "hinge", "softfinger", "universal", "slider", "cylinder", "screw", "planar", "two slides")
 OF_FORCES = [(name, "limits") for name in differentiable() if QUESTIONS[name].unlimited]
-ALL = pytest.mark.parametrize(("name", "kind"), CASES)
+ALL = pytest.mark.parametrize(
+    ("name", "kind"), mostly_slow(CASES, [case for case in CASES if case[1] not in ("springs", "bushing", "floating")])
+)
 
 
 def size_of_terms(of: FunctionCase, result: str) -> float:

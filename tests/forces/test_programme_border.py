@@ -233,6 +233,7 @@ def efforts(chain: hf.ClosedChain) -> Array:
     return np.array([joint.effort_limit for joint in chain.all_joints])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", mostly_slow(ON_TRUNK, ["a trunk"]))
 @pytest.mark.parametrize(
     "given",

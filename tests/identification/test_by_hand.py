@@ -171,6 +171,7 @@ def test_a_reversed_sign(by):
         hf.identify(case.chain, turned, by=by)
 
 
+@pytest.mark.slow
 def test_joint_friction():
     """Dampers and dry friction of the model enter the torques: without the latter the mass is off."""
     case = random_case(1, "exact", "tau")

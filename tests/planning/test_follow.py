@@ -185,6 +185,7 @@ def test_time_scaling():
     assert shifted.t[0] == 5.0
 
 
+@pytest.mark.slow
 def test_mirror():
     """The mirrored question has the mirrored answer: left and right exchanged, and the signs of odd joints."""
     chain, state = two_arms("panda")

@@ -104,7 +104,10 @@ def none(t, state, memory):
     return np.zeros(0), memory
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 60))])
+@pytest.mark.parametrize(
+    "seed",
+    [0, pytest.param(1, marks=pytest.mark.slow), *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 60))],
+)
 def test_thrown_boxes_never_gain_energy(seed):
     """Contacts of a tumbling box only take energy, by steps; gaps stay."""
     chain, state = thrown_box(seed)
