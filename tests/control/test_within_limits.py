@@ -154,7 +154,7 @@ def test_drives_stay_within_their_effort():
     assert run.object_pose == pytest.approx(free.object_pose, abs=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_least_force_by_friction():
     """Margins are as demanded all along, with less effort than the smallest constant squeeze that keeps them."""
     chain, state = rubber_pandas(0.8)
@@ -254,7 +254,7 @@ def test_what_the_acceleration_needs_is_reported():
     assert (np.abs(tau) - 0.2 * EFFORT).max() == pytest.approx(gave_way * length, rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_hand_over():
     """A grasp with limits of its own opens, and its limits go with it."""
     limits = ForceLimits(0.8, least_normal={"right": 1.0, "left": -200.0})

@@ -331,7 +331,7 @@ def test_a_floating_base_is_an_input():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", mostly_long(["springs", "bushing", "trunk", "floating"], ("springs", "bushing")))
+@pytest.mark.parametrize("kind", mostly_long(["springs", "bushing", "trunk", "floating"], ("springs",)))
 def test_machine_code_of_force_elements(kind):
     """Springs on every kind of body, and bushings: products and the matrix are the reference's, by all arguments."""
     p = problem(kind)

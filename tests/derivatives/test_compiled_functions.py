@@ -19,7 +19,7 @@ from holdfast.questions.case import OF_INPUTS, OF_STATE
 from holdfast.questions.question import QUESTIONS
 from tests.derivatives.chains import random_chain
 from tests.derivatives.functions import CASES, FIVE_POINTS, STEP, FunctionCase, function_at, function_case
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 from tests.questions.every import differentiable, flat, taken_by
 from tests.systems.problems import random_problem, relative_gap
 
@@ -201,7 +201,7 @@ def test_bits(name, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "case"), ONE_OF_EACH)
-@pytest.mark.parametrize("kind", ["vjp", "jvp", "jacobian"])
+@pytest.mark.parametrize("kind", mostly_long(["vjp", "jvp", "jacobian"], ("vjp",)))
 def test_interpreter(name, case, kind):
     """The schedules of derivatives read number by number give the bits of the machine code."""
     of, random = function_case(name, case), np.random.default_rng(6)

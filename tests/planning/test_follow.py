@@ -234,7 +234,7 @@ def test_other_grasps(kinds):
     assert plan.chain is chain
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bushings_keep_their_stretch():
     """An arm behind a bushing goes with the object: its tip stays where it is on the object."""
     chain, state = two_pandas()

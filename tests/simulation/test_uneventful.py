@@ -170,7 +170,6 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
 
 SOON = [
     "soft fingers",
-    "sampled, delayed",
     "recorded violations",
     "pendulum",
 ]
