@@ -170,7 +170,7 @@ def test_random_chains_by_the_reference(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("trunk", [trunk for trunk in TRUNKS if trunk])
-@pytest.mark.parametrize("seed", mostly_long(range(200, 208), (201, 204)))
+@pytest.mark.parametrize("seed", mostly_long(range(200, 208), (201,)))
 def test_trunks_by_the_reference(seed, trunk):
     """On a torso or a floating base, some arms beside it in the world: products, those of the base's results too."""
     p, random = random_chain(seed, trunk), np.random.default_rng(seed)

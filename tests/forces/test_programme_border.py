@@ -269,7 +269,7 @@ def test_derivatives(kind, given):
     assert sum(parts) == pytest.approx(forward, abs=1e-9 * np.abs(parts).sum())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_cost_is_linear_in_arms():
     """Operations of two, three and four equal arms on a trunk have no second difference."""
     case = border_cases()["torso2_rigid"]
