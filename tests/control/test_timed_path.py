@@ -319,6 +319,7 @@ def test_plot(tmp_path):
     assert (tmp_path / "timing.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_pickles():
     """With its path and joints."""
     timed = arc_timed(21)
