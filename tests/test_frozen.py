@@ -180,23 +180,23 @@ def writes(x: Any) -> list[Any]:
     return [x.clear]
 
 
-@pytest.mark.parametrize("name", public())
 @pytest.mark.parametrize("way", COPIES)
-def test_nothing_can_be_written(name, way):
+def test_nothing_can_be_written(way):
     """Every public dataclass, itself, copied, and pickled."""
-    x = COPIES[way](examples()[name])
-    written = []
-    for path, part in held(x):
-        for write in writes(part):
-            try:
-                write()
-            except (ValueError, hf.errors.FrozenError):
-                continue
-            written.append(path)
-    assert not written, sorted(set(written))
-    for field in fields(x)[:1]:
-        with pytest.raises(FrozenInstanceError):
-            setattr(x, field.name, None)
+    made, written = examples(), set()
+    for name in public():
+        x = COPIES[way](made[name])
+        for path, part in held(x):
+            for write in writes(part):
+                try:
+                    write()
+                except (ValueError, hf.errors.FrozenError):
+                    continue
+                written.add((name, path))
+        for field in fields(x)[:1]:
+            with pytest.raises(FrozenInstanceError):
+                setattr(x, field.name, None)
+    assert not written, sorted(written)
 
 
 @pytest.mark.parametrize("kind", ["rigid", "ball", "hinge", "softfinger", "universal", "slider", "cylinder", "planar"])

@@ -319,6 +319,7 @@ def test_code_for_batches(monkeypatch, capsys, tmp_path):
         assert said == ([f"compiling {what}" for what in expected] if asked else [])
 
 
+@pytest.mark.slow
 def test_exported_code(capsys, monkeypatch, tmp_path):
     """What is written is said before it is compiled, as often as it is; nothing unless asked."""
     monkeypatch.setattr(progress, "SILENCE", float("inf"))  # however busy the machine is

@@ -43,8 +43,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
-    """Return the error for a name that a package does not have, with the place of that name elsewhere in holdfast."""
+    """Return the error for a name that a package does not have, with its place in holdfast, or a suggestion."""
     name = " ".join(name.split())[:80]
+    if name.startswith("_"):  # programs ask for these, such as pytest for each namespace that a test imports
+        return UnknownName(f"{package} has no '{name}'")
     if (place := _place_of(name)) not in (None, package):
         return UnknownName(f"{package} has no '{name}'; try {place}.{name}")
     return UnknownName(f"{package} has no '{name}'.{did_you_mean(name, known)}")

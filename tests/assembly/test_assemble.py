@@ -13,6 +13,7 @@ from holdfast.dynamics.object_level import motion_basis
 from holdfast.robots import HOME, ROBOTS, stewart_platform, three_finger_hand
 from holdfast.spatial import rotation
 from tests.control.two_pandas import ELBOW_UP, LEFT, RIGHT
+from tests.longer import mostly_slow
 from tests.systems.problems import largest_gaps
 
 BOX = hf.HeldObject.box(3.0, 0.3, 0.2, 0.2)
@@ -43,7 +44,7 @@ def slope(chain, state, preferred, *, hold_object: bool) -> float:
     return float(np.linalg.norm(basis[:-6].T @ (state.q - preferred)))
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", mostly_slow(ROBOTS, ("panda", "ur5e")))
 @pytest.mark.parametrize("pose", [None, [1, 0, 0, 0, 0, 0, 0.6]], ids=["found", "given"])
 def test_two_of_every_robot(robot, pose):
     """Closed, inside the limits, at rest, where the object was put, and stationary along every self-motion."""
@@ -195,7 +196,10 @@ def narrowed(robot: str, widest: float) -> hf.Arm:
 
 
 @pytest.mark.parametrize("kind", ["rigid", "hinge", "ball"])
-@pytest.mark.parametrize(("robot", "widest", "draws"), [("ur5e", 2.5, range(4)), ("panda", 9.0, (7, 19, 27))])
+@pytest.mark.parametrize(
+    ("robot", "widest", "draws"),
+    mostly_slow([("ur5e", 2.5, range(4)), ("panda", 9.0, (7, 19, 27))], [("panda", 9.0, (7, 19, 27))]),
+)
 def test_other_configurations_are_tried(robot, widest, draws, kind):
     """Where a configuration with 5 % of every range to spare exists, the one found has the 2 % that are asked for."""
     arm, random = narrowed(robot, widest), np.random.default_rng(1)

@@ -29,6 +29,7 @@ def changed(run, change):
     return other
 
 
+@pytest.mark.slow
 def test_a_run_is_a_function_of_its_seed(run):
     """Recorded again it has the same bits."""
     again = recorded(PLATFORM)
@@ -123,6 +124,7 @@ def test_what_rounding_explains(run):
     assert said.explained([other]) == set(said.failures) and not said.explained([found])
 
 
+@pytest.mark.slow
 def test_a_nudge_is_a_rounding_error(run):
     """It changes the run, far below every bar where the run is well-conditioned."""
     found = differences(run | {"occurrences": []}, recorded(PLATFORM, nudge=1))

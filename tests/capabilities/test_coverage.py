@@ -20,7 +20,7 @@ def test_page_answers_as_the_library_does(title):
     assert table(title) in PAGE.read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_forests():
     """Chains with branches, loops or several objects answer what the page says, and refuse all else by name."""
     assert forests() in PAGE.read_text()

@@ -175,6 +175,7 @@ def test_console_entry():
     assert done.stderr == "holdfast: error: none.json: cannot be read: No such file or directory\n"
 
 
+@pytest.mark.slow
 def test_a_terminal_without_the_letters(tmp_path):
     """Letters beyond the terminal's are escaped."""
     file = tmp_path / "case.json"

@@ -8,6 +8,7 @@ from tests.io.recorded import filled
 FIGURES = ["grasp_wrenches", "joint_torques", "load_share", "closure_and_energy"]
 
 
+@pytest.mark.slow
 def test_plot(result, tmp_path, cli):
     """Every figure that has something to show, and where to look for it."""
     place = tmp_path / "new"

@@ -103,6 +103,7 @@ def simulate_until(t_end, then):
     return simulation
 
 
+@pytest.mark.slow
 def test_interrupted(scene, cli, monkeypatch):
     """Ctrl-C: 130, and what was simulated until then is kept."""
     monkeypatch.setattr(command, "run_simulation", simulate_until(0.011, KeyboardInterrupt()))
@@ -247,6 +248,7 @@ def test_resume_of_nothing(scene, cli):
     assert load_result("none").complete
 
 
+@pytest.mark.slow
 def test_record_of_a_scene(scene, cli):
     """A scene may say what is recorded; then there is no summary, the figures that the arrays allow, and no page."""
     scene.write_text(scene.read_text().replace("[simulation]", '[simulation]\nrecord = ["q", "tau"]\nevery = 5'))

@@ -74,6 +74,7 @@ def test_a_result_is_opened_without_expanding(folder, result, cli):
     assert not (folder / "proof").exists()
 
 
+@pytest.mark.slow
 def test_a_result_that_keeps_no_robot(folder, result, cli):
     """A folder as 0.1 wrote it: its figures are drawn without the robot, and nothing is expanded without a word."""
     for record in json.loads((result / "meta.json").read_text())["robots"].values():

@@ -82,6 +82,7 @@ sys.exit(main())
 """
 
 
+@pytest.mark.slow
 def test_a_live_viewer_ends_with_ctrl_c(result):
     """It prints its address, serves the page, and ends cleanly with code 0."""
     command = [sys.executable, "-c", PROGRAM, "view", str(result)]

@@ -22,7 +22,7 @@ from holdfast.spatial.scalar import cos, sin
 from tests.codegen.exported import APART, STRICT, built, outputs, require
 from tests.codegen.problems import NAMES, chain_and_state, steps, truths
 from tests.compiler.programs import same_bits
-from tests.longer import mostly_slow
+from tests.longer import mostly_long
 
 ROOT = Path(__file__).parents[2]
 
@@ -219,7 +219,7 @@ def check_all(known, target, source, compilers, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("source", mostly_slow((False, True), (True,)))
+@pytest.mark.parametrize("source", mostly_long((False, True), (True,)))
 def test_one_chain(source, tmp_path):
     """Object file and source of two arms, one of which holds."""
     if not HERE:
@@ -310,7 +310,7 @@ def carried_by_python() -> np.ndarray:
     return systems.object_pose[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_lift(tmp_path):
     """A second of forces within limits at 1 kHz: the box where Python's distribution brings it, to the bit, in time."""
     require("cmake", "gcc", "g++")

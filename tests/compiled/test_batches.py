@@ -21,7 +21,7 @@ LANES = cpu.lanes()
 NAME = "interleaved"
 
 
-@pytest.mark.parametrize("name", mostly_slow(CHAINS, {*CHAINS} - {"all kinds", "rows first"}))
+@pytest.mark.parametrize("name", mostly_slow(CHAINS, ("interleaved", "nobody holds")))
 def test_same_bits(name):
     """Interpreter = single = lanes = tails = threads, in all outputs."""
     chain, fast = chain_named(name), compiled(name)
@@ -269,6 +269,7 @@ def test_rank(known):
     assert first.run() == 1
 
 
+@pytest.mark.slow
 def test_singular():
     """SINGULAR is returned, not raised."""
     p = as_chain(two_collinear_stretched_6r(1))

@@ -100,6 +100,7 @@ def test_next_process(tmp_path):
     assert compilations == 2 and again == bits
 
 
+@pytest.mark.slow
 def test_off(tmp_path):
     """HOLDFAST_CACHE=off compiles each time."""
     compilations, traces, _ = run(CHAIN, Path("off"))

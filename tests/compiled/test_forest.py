@@ -11,13 +11,14 @@ from holdfast.dynamics import Status, forest_dynamics
 from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError, UnknownName
 from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody
 from tests.dynamics.tree.problems import LINK, gap, slider_crank
+from tests.longer import mostly_long
 from tests.oracles.forest_equations import ForestEquations
 from tests.systems.humanoid import humanoid
 from tests.systems.random_forests import ForestProblem, random_forest
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", mostly_long(range(10), range(4)))
 def test_random_forests(seed):
     """Fifty digits with nothing eliminated: ten families, generic axes and right angles, moving and at rest."""
     p = random_forest(seed)

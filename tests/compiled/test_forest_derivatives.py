@@ -51,7 +51,9 @@ def ratio(forest) -> float:
     return gradient.schedule().operation_count / forward.function.schedule().operation_count
 
 
-@pytest.mark.parametrize("name", mostly_slow(branched_problems(), ("palletiser",)))
+@pytest.mark.parametrize(
+    "name", ["palletiser", *mostly_slow(["grippers"], ()), *mostly_long(["pot and lid", "on a shoulder"], ())]
+)
 def test_chains(name):
     """Gradients, rates and Jacobians of the reference, by everything; where forces are a choice, at fixed frames."""
     p, rng = branched_problems()[name], np.random.default_rng(3)
@@ -86,6 +88,7 @@ def forward(problem):
     return hf.compile(problem.forest).forward_dynamics
 
 
+@pytest.mark.slow
 def test_same_bits(problem, forward):
     """Single, batch, threads, bound, overwritten, pickled: the same bits; a Jacobian is its rates along units."""
     p, rng = problem, np.random.default_rng(4)

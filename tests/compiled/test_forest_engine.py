@@ -13,7 +13,7 @@ from holdfast.dynamics.tree.forest_projection import closing_round
 from holdfast.dynamics.tree.forest_simulate import ForestReference, forest_steps
 from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced
 from tests.dynamics.tree.as_branched import gap
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 from tests.systems.branched import branched_problems, palletiser, two_arms_with_grippers
 from tests.systems.random_forests import random_forest
 
@@ -21,6 +21,7 @@ SLOW, LONG = pytest.mark.slow, pytest.mark.long
 SEEDS = [4, *(pytest.param(k, marks=SLOW if k in (0, 2, 8) else LONG) for k in range(12) if k != 4)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_steps(seed):
     """Motion, work, forces, gaps and energies of every kind of forest."""
@@ -59,7 +60,9 @@ def test_rounds_close(seed):
     assert gap(closed.qd, qd) < 1e-4  # the first rounds changed the rates where the closures were open
 
 
-@pytest.mark.parametrize("name", mostly_slow(branched_problems(), ("palletiser",)))
+@pytest.mark.parametrize(
+    "name", ["palletiser", *mostly_slow(["on a shoulder"], ()), *mostly_long(["grippers", "pot and lid"], ())]
+)
 def test_runs_of_chains(name):
     """Longer runs are machine code, shorter ones are not: the same samples, and the first of both is the start."""
     chain, state, tau = branched_problems()[name]

@@ -28,7 +28,7 @@ from holdfast.spatial.scalar import Array
 from tests.compiled import problems
 from tests.compiled.problems import Given, chain_named, chain_of, compiled, numbers, one
 from tests.dynamics.problems import CASES, random_problem, stored
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.questions.every import FUNCTIONS, built_with, direct, flat, inputs_of, parameters_of, reference, taken_by
 from tests.surface import PUBLIC
 from tests.systems.as_chain import Problem
@@ -147,7 +147,7 @@ def test_functions_of_the_reference(seed):
 
 
 @pytest.mark.parametrize("function", [name for name in EVERY if name not in ("object_mobility", "project")])
-@pytest.mark.parametrize("name", ["interleaved", "all kinds", "nobody holds", "nine"])
+@pytest.mark.parametrize("name", mostly_slow(["interleaved", "all kinds", "nobody holds", "nine"], ("interleaved",)))
 def test_open_states(function, name):
     """States far from closed, arms of one type apart from each other in order, no grasps at all.
 
@@ -223,7 +223,7 @@ def test_interpreter(function):
     assert same_bits(called(fast, function, given), flat(QUESTIONS[function].shown(fast.chain)(results)))
 
 
-@pytest.mark.parametrize("name", ["two", "all kinds", "rows first"])
+@pytest.mark.parametrize("name", mostly_slow(["two", "all kinds", "rows first"], ("two",)))
 def test_forward_of_inverse(name):
     """Forward dynamics of the torques that accelerations and grasp forces need returns them, all compiled."""
     fast = compiled(name)
@@ -267,7 +267,7 @@ def test_kinetic_energy_is_the_mass_matrix():
     np.testing.assert_allclose(T, expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 3.0, np.pi - 1e-6, np.pi])
+@pytest.mark.parametrize("angle", mostly_slow([0.0, 1e-9, 0.3, 3.0, np.pi - 1e-6, np.pi], (0.0, np.pi)))
 def test_turned_tips(angle):
     """Rigid tips turned by any angle, and hinges to the wrong way round, have the reference's residuals."""
     base = stored("mixed_4arm_all_types")

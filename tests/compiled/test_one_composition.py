@@ -70,6 +70,7 @@ def problem():
     return random_problem(0, grasps=GRASPS, joints=(6, 5, 2, 4, 3), moving_base=False, extras=False)
 
 
+@pytest.mark.slow
 def test_forward_dynamics(problem):
     """All that the reference runs on floats is traced; of arms of one type only one is."""
     rooms = ("dynamics/arm", "dynamics/closed", "dynamics/tree")

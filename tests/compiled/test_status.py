@@ -12,6 +12,7 @@ from holdfast.errors import ModelError, SingularChainError, StateError
 from tests.compiled import problems
 from tests.compiled.problems import FIELDS, STATE, Given, chain_named, compiled, numbers, one, outputs
 from tests.compiler.programs import all_same_bits
+from tests.longer import mostly_slow
 from tests.model.parts import BOX, arm
 from tests.systems import planar_parallelogram, two_collinear_stretched_6r
 from tests.systems.as_chain import as_chain
@@ -25,7 +26,7 @@ def no_answer(result, i) -> bool:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("name", ["all kinds", "factors only", "nobody holds"])
+@pytest.mark.parametrize("name", mostly_slow(["all kinds", "factors only", "nobody holds"], ("factors only",)))
 def test_numbers_that_are_not_finite(name, value):
     """One such number anywhere in the state: INVALID there, all other systems bit-identical; a single call raises."""
     chain, fast = chain_named(name), compiled(name)
@@ -90,7 +91,7 @@ def test_overflow():
         fast.forward_dynamics(**one(given, 1))
 
 
-@pytest.mark.parametrize("holding", [True, False])
+@pytest.mark.parametrize("holding", mostly_slow([True, False], (True,)))
 @pytest.mark.parametrize("method", ["recursive", "mass_matrix"])
 def test_no_inertia(holding, method):
     """A massless link that nothing loads: INVALID by either route, whether its arm holds or not."""
@@ -158,7 +159,7 @@ def cranks(*angles: float) -> tuple[ClosedChain, Given]:
 
 
 @pytest.mark.parametrize("first", [0.0, 0.4])
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("known", mostly_slow([True, False], (True,)))
 def test_indeterminate_systems(known, first):
     """A mechanism whose rank is always low: solved, but for the flat position, whichever comes first."""
     angles = np.array([first, 0.3, 0.0, 0.5, 0.0, 0.7])
@@ -227,6 +228,7 @@ def test_rank_is_sought_once(monkeypatch):
     assert sought == [1]
 
 
+@pytest.mark.slow
 def test_out_after_an_error():
     """A call that raises leaves `out` with a status that says so; the next good one fills it."""
     chain, given, _ = stretched(3)

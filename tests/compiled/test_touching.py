@@ -1,7 +1,6 @@
 """Machine code of chains whose object touches the world: the reference's answers, one system as a batch, refusals."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,14 +12,14 @@ from holdfast.compiled import forward_schedule
 from holdfast.compiler.targets import OBJECT_TARGETS, cpu
 from holdfast.dynamics import ContactMode, ContactStatus, Status
 from holdfast.errors import ContactError, MethodNotApplicable, StateError
-from holdfast.io import load_cases
 from holdfast.world import HalfSpace, Touching, corners
 from tests.codegen.exported import built, outputs, require
 from tests.control.two_pandas import two_pandas
 from tests.longer import mostly_slow
+from tests.systems.stored_cases import stored_cases
 
-FILE = Path(__file__).parents[1] / "data" / "cases_contact.json"
-CASES = {c.name: c for c in load_cases(FILE) if getattr(c, "kind", "") in ("rest", "sliding") and c.chain.arms}
+CASES = stored_cases("cases_contact.json")
+RESTING = [name for name, of in CASES.raw.items() if of["kind"] in ("rest", "sliding") and of["arms"]]
 ARRAYS = ("qdd", "grasp_wrench", "object_acceleration", "base_wrench", "touch_force", "touch_gap", "touch_mode")
 
 
@@ -39,7 +38,7 @@ def arguments(state, tau):
     return state.q, state.qd, tau, state.object_pose, state.object_twist
 
 
-@pytest.mark.parametrize("name", mostly_slow(CASES, [*CASES][:1]))
+@pytest.mark.parametrize("name", mostly_slow(RESTING, RESTING[:1]))
 def test_stored_instants(name):
     """Accelerations and modes are those of the reference, and forces where they are unique."""
     case = CASES[name]
@@ -97,6 +96,7 @@ def test_from_given_forces():
         hf.compile(replace(chain, touching=None), parameters=["touch_start"])
 
 
+@pytest.mark.slow
 def test_what_has_no_forces():
     """A closed contact that approaches needs an impulse: an error, or NaN in a batch."""
     chain, state, tau = on_a_table()

@@ -84,6 +84,7 @@ def test_external_wrenches_inertias_and_driven_bases(seed, joints, floating):
         assert relative_gap(getattr(found, part), getattr(wanted, part), 1.0) < EXACT
 
 
+@pytest.mark.slow
 def test_bound():
     """A bound call reads pose and twist of the floating base where they are."""
     case, fast, arguments, parameters = compiled("space_hinge_ball")

@@ -36,6 +36,7 @@ def test_same_bits(program, batch, data):
     assert all_same_bits(compile_program(program, lanes=2)(a, b), stacked)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(programs())
 def test_long_texts(program):
@@ -155,6 +156,7 @@ def test_nothing_in_or_out():
     assert compile_program(trace(lambda x: (), [(2,)]))(np.ones((9, 2))) == ()
 
 
+@pytest.mark.slow
 def test_long_programs():
     """More instructions than one block takes."""
 

@@ -46,6 +46,7 @@ def test_live_numbers(program):
     assert program.live_numbers == live_by_definition(program)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(programs(), SEVEN)
 def test_bits(program, values):

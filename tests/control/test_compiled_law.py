@@ -186,6 +186,7 @@ def test_wrapped_in_a_function():
     assert np.array_equal(law(0.4, STATE, None)[0], plain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample_time", [None, pytest.param(1e-3, marks=pytest.mark.long)])
 def test_runs_of_wrapped_laws(sample_time):
     """A run under a law is one under a function that calls it, and both go on to the bit."""

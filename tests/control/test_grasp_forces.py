@@ -191,7 +191,7 @@ def test_a_simulated_sensor():
     assert gaps[1] < 0.01 < 0.2 < gaps[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_simulated_sensor_after_a_release():
     """When an arm lets go, its sensor has let go, too: the box stays where it is."""
     law = cooperative_law(CHAIN, STIFF, HybridForce(100.0, 1e-3, LoadShare({"left": 1.0}), sensor=CHAIN))

@@ -15,9 +15,11 @@ from holdfast.control import compile_law, sampled
 from tests.codegen.exported import built, outputs, require
 from tests.compiler.programs import same_bits
 from tests.control.kit import CHAIN, LAWS, STATE, N, moving
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 
 laws = pytest.mark.parametrize("name", LAWS)
+# as `test_machine_code` compares every law, most are run and compiled from C by `make acceptance` only
+some_laws = pytest.mark.parametrize("name", mostly_long(LAWS, ("impedance", "hybrid, limits", "observer", "ramp")))
 
 
 def remembered(law, seed):
@@ -25,7 +27,7 @@ def remembered(law, seed):
     return law.memory + 0.1 * np.random.default_rng(seed).normal(size=law.memory.shape)
 
 
-@pytest.mark.parametrize("name", mostly_slow(LAWS, [*LAWS][::2]))
+@pytest.mark.parametrize("name", mostly_slow(LAWS, ("impedance", "hybrid, limits")))
 def test_machine_code(name):
     """Called, bound and in a batch: the torques and the memory of the text; the three have the same bits."""
     law, given = LAWS[name]
@@ -51,7 +53,7 @@ def test_machine_code(name):
     assert same_bits(times.tau[0], every.tau[3]) and same_bits(times.memory[0], every.memory[3])
 
 
-@laws
+@some_laws
 @pytest.mark.slow
 def test_rollouts_are_runs(name):
     """A rollout and `simulate` move the arms alike, with the law asked all along and once per sample."""
@@ -77,7 +79,7 @@ def test_is_known(name):
 
 
 @pytest.mark.slow
-@laws
+@some_laws
 def test_in_c(name, tmp_path):
     """C source computes the same bits."""
     require("gcc")

@@ -16,7 +16,13 @@ T = 1e-3
 HOLD = ObjectImpedance(HERE, SPRING, DAMPER)
 
 
-@pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("rigid", "ball"), ("hinge", "softfinger")])
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        ("rigid", "ball"),
+        *(pytest.param(x, marks=pytest.mark.slow) for x in (("rigid", "rigid"), ("hinge", "softfinger"))),
+    ],
+)
 def test_error_shrinks_as_predicted(kinds):
     """Under Euler steps of the velocities, r_k = (1 - (1 - K_o T)^k) w, to 1e-9."""
     chain, state = two_pandas(*kinds)

@@ -11,7 +11,7 @@ from holdfast.control import InternalForce, ObjectImpedance, PostureControl, com
 from holdfast.errors import ModelError
 from holdfast.forces import ForceLimits
 from tests.control.kit import CHAIN, DAMPER, HERE, SPRING, STATE
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 from tests.planning.examples import carried
 
 DURATION = 1.0
@@ -44,7 +44,7 @@ def test_machine_code_asks_a_path(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["planned", "timed"])
+@pytest.mark.parametrize("kind", mostly_long(["planned", "timed"], ("timed",)))
 def test_joints_follow_their_path(kind):
     """Started on the path, the joints stay on it up to the scheme's error; otherwise the elbows stay behind.
 

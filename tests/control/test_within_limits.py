@@ -28,6 +28,7 @@ from holdfast.forces import ForceCost, ForceLimits, distribute, distribution_par
 from holdfast.spatial import rotation
 from tests.control.kit import CHAIN, DAMPER, HERE, MASS, SPRING, STATE, STIFF, N, moving
 from tests.control.two_pandas import pushes, rubber_pandas, two_pandas
+from tests.longer import mostly_slow
 from tests.planning.examples import mobile
 
 EFFORT = np.array([joint.effort_limit for joint in CHAIN.all_joints])
@@ -51,7 +52,7 @@ def lift(state, height=0.1, duration=0.5):
         pytest.param(("hinge", "softfinger"), marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize("sample_time", [None, 1e-3])
+@pytest.mark.parametrize("sample_time", mostly_slow([None, 1e-3], (None,)))
 def test_the_same_as_compiled_distribute(kinds, sample_time):
     """Asked for the same acceleration, wrenches and posture, `distribute` gives the same, to 1e-8 of the limits.
 
@@ -153,7 +154,7 @@ def test_drives_stay_within_their_effort():
     assert run.object_pose == pytest.approx(free.object_pose, abs=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_least_force_by_friction():
     """Margins are as demanded all along, with less effort than the smallest constant squeeze that keeps them."""
     chain, state = rubber_pandas(0.8)
@@ -253,7 +254,7 @@ def test_what_the_acceleration_needs_is_reported():
     assert (np.abs(tau) - 0.2 * EFFORT).max() == pytest.approx(gave_way * length, rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_hand_over():
     """A grasp with limits of its own opens, and its limits go with it."""
     limits = ForceLimits(0.8, least_normal={"right": 1.0, "left": -200.0})

@@ -9,7 +9,7 @@ import pytest
 
 import holdfast as hf
 from tests.derivatives.blocks import NAMES, Reference, compiled, worst_of_products
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.oracles.chain_derivatives import chain_derivatives
 from tests.systems.anchored import pinned
 from tests.systems.problems import random_problem
@@ -19,7 +19,7 @@ KINDS = ("rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinde
 FEW = ("q", "tau", "object_pose", "grasp_pose", "base_pose", "base_twist")
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", mostly_slow(KINDS, ("rigid", "ball", "planar")))
 def test_the_reference(kind):
     """Two arms and an anchor, all on bases that move: products by everything, against the oracle."""
     p = pinned(random_problem(KINDS.index(kind), joints=(7, 8), moving_base=True), (kind,), KINDS.index(kind))
@@ -61,7 +61,7 @@ def test_anchors_alone():
         assert np.abs(one[of] - own[of]).max() < 1e-12 * size
 
 
-@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("first", mostly_slow([False, True], (True,)))
 @pytest.mark.parametrize("joints", [pytest.param((5, 4), marks=pytest.mark.slow), (5,)])
 def test_inverse_dynamics(joints, first):
     """Anchors have no torques: the Jacobian agrees with its products, also as machine code, wherever the anchor is."""

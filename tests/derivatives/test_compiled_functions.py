@@ -19,15 +19,21 @@ from holdfast.questions.case import OF_INPUTS, OF_STATE
 from holdfast.questions.question import QUESTIONS
 from tests.derivatives.chains import random_chain
 from tests.derivatives.functions import CASES, FIVE_POINTS, STEP, FunctionCase, function_at, function_case
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 from tests.questions.every import differentiable, flat, taken_by
 from tests.systems.problems import random_problem, relative_gap
 
 SAME, DUAL = 1e-12, 1e-13
+FEW = [case for case in CASES if case[1] not in ("springs", "trunk", "bushing")]
 ONE_OF_EACH = [
     *((name, "limits" if QUESTIONS[name].unlimited else "plain") for name in differentiable()),
     ("inverse_dynamics", "bushing"),
     ("inverse_dynamics", "floating"),
+]
+BITS = [
+    *mostly_slow(ONE_OF_EACH[:-2], [("potential_energy", "plain")]),
+    *mostly_long(ONE_OF_EACH[-2:-1], ()),
+    *mostly_slow(ONE_OF_EACH[-1:], ()),
 ]
 
 
@@ -127,14 +133,16 @@ def test_derivatives_by_everything_are_those_of_the_reference(name, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "kind"), CASES)
+@pytest.mark.parametrize(("name", "kind"), mostly_long(CASES, FEW))
 def test_jacobians_by_everything_are_those_of_the_reference(name, kind):
     of = function_case(name, kind)
     require_matrix(of, of.by)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "trunk"), [(1, None), (2, None), (3, "fixed"), (4, "fixed")])
+@pytest.mark.parametrize(
+    ("seed", "trunk"), mostly_long([(1, None), (2, None), (3, "fixed"), (4, "fixed")], [(1, None), (3, "fixed")])
+)
 def test_random_chains_and_trunks(seed, trunk):
     of = random_case(seed, trunk)
     require_reference(of)
@@ -166,7 +174,7 @@ def test_rates_are_five_point_differences():
     assert relative_gap(found.tau, differences) < 1e-9
 
 
-@pytest.mark.parametrize(("name", "kind"), mostly_slow(ONE_OF_EACH, [("potential_energy", "plain")]))
+@pytest.mark.parametrize(("name", "kind"), BITS)
 def test_bits(name, kind):
     """One system, a batch of any size, its tail, and threads."""
     of, random, count = function_case(name, kind), np.random.default_rng(4), 21
@@ -201,7 +209,7 @@ def test_bits(name, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "case"), ONE_OF_EACH)
-@pytest.mark.parametrize("kind", ["vjp", "jvp", "jacobian"])
+@pytest.mark.parametrize("kind", mostly_long(["vjp", "jvp", "jacobian"], ("vjp",)))
 def test_interpreter(name, case, kind):
     """The schedules of derivatives read number by number give the bits of the machine code."""
     of, random = function_case(name, case), np.random.default_rng(6)

@@ -13,14 +13,20 @@ from holdfast import dynamics
 from holdfast.questions.question import QUESTIONS
 from tests.derivatives.blocks import names_for, random_directions
 from tests.derivatives.functions import CASES, FunctionCase, function_case, open_grasp, problem
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 from tests.questions.every import differentiable, flat
 from tests.systems.problems import relative_gap
 
 TRUNCATED, EXACT = 1e-8, 1e-12
 GRASPS = ("rigid", "hinge", "softfinger", "universal", "slider", "cylinder", "screw", "planar", "two slides")
 OF_FORCES = [(name, "limits") for name in differentiable() if QUESTIONS[name].unlimited]
-ALL = pytest.mark.parametrize(("name", "kind"), CASES)
+ALL = pytest.mark.parametrize(
+    ("name", "kind"), mostly_slow(CASES, [case for case in CASES if case[1] not in ("springs", "bushing", "floating")])
+)
+
+FEW = pytest.mark.parametrize(
+    ("name", "kind"), mostly_long(CASES, [case for case in CASES if case[1] not in ("springs", "bushing", "floating")])
+)
 
 
 def size_of_terms(of: FunctionCase, result: str) -> float:
@@ -60,7 +66,7 @@ def test_functions_return_what_their_questions_compute(name, kind):
 
 
 @pytest.mark.slow
-@ALL
+@FEW
 def test_derivatives_come_with_what_the_function_returns(name, kind):
     of = function_case(name, kind)
     cotangents = {result: np.zeros(value.shape) for result, value in of.values().items()}

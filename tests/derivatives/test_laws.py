@@ -23,7 +23,7 @@ from tests.derivatives.blocks import (
 )
 from tests.derivatives.chains import TRUNKS, random_chain
 from tests.derivatives.stored import gaps
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.oracles.chain_derivatives import OUTPUTS
 from tests.systems.problems import relative_gap
 
@@ -31,7 +31,7 @@ DUAL = 1e-13
 LAW = 1e-11
 
 
-@pytest.mark.parametrize("trunk", mostly_long(TRUNKS, (None, "fixed")))
+@pytest.mark.parametrize("trunk", [*mostly_long((None, "floating"), (None,)), *mostly_slow(("fixed",), ())])
 @pytest.mark.parametrize("seed", mostly_long(range(4), (0,)))
 def test_duality(seed, trunk):
     """<w, J d> = <J^T w, d> for cotangents w."""

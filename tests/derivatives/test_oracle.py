@@ -12,7 +12,7 @@ from holdfast.spatial import rotation
 from tests.derivatives.chains import TRUNKS, random_chain
 from tests.derivatives.moved import moved_problem
 from tests.derivatives.stored import OF, columns, gaps, names, stored
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.oracles.chain_derivatives import OUTPUTS, chain_derivatives
 from tests.oracles.dual_dynamics import dynamics_derivatives, minimum_norm_derivatives
 from tests.systems.as_chain import Problem
@@ -121,7 +121,7 @@ def test_differences(trunk):
         assert relative_gap(found.matrices[of] @ direction, slope) < 1e-6, of
 
 
-@pytest.mark.parametrize("scale", [1e-2, 1.0, 1e2])
+@pytest.mark.parametrize("scale", mostly_slow([1e-2, 1.0, 1e2], (1e2,)))
 @pytest.mark.parametrize("seed", mostly_long(range(3), (2,)))
 def test_dynamics_with_objects_of_usual_mass(seed, scale):
     """A hundredth to a hundred times the usual object: the filter's own derivatives hold."""

@@ -20,6 +20,7 @@ from holdfast.errors import ClosureError, StateError
 from holdfast.robots import gen3, ur5e
 from holdfast.simulation.rollout.traced_step import GRASP_OPEN
 from holdfast.state import shaped_inputs
+from tests.longer import mostly_long
 from tests.oracles.maximal_kkt import solve
 from tests.systems.as_case import as_case
 from tests.systems.as_chain import Problem, mounted
@@ -121,7 +122,9 @@ def test_a_fine_thread():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [kind for kind, free in FREE.items() if free != "xyz"])
+@pytest.mark.parametrize(
+    "kind", mostly_long([kind for kind, free in FREE.items() if free != "xyz"], ("rigid", "screw"))
+)
 def test_compiled(kind):
     """Rollouts do not start there, because the grasps are open; what compiled `project` returns is not closed."""
     turns = [(axis, angle) for axis in "xyz" if axis not in FREE[kind] for angle in ANGLES]

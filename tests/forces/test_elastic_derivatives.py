@@ -190,6 +190,7 @@ def test_none_without_a_barrier(name):
     assert off > 1e-3 if name in CURVED else off < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", mostly_slow(["two_soft_effort"], []))
 def test_machine_code_refuses_without_a_barrier(name):
     """A call by name; in a bound call, which raises nothing, derivatives are NaN."""

@@ -31,7 +31,7 @@ from tests.codegen import problems as exported
 from tests.codegen import test_export as export
 from tests.control.two_pandas import two_pandas
 from tests.forces.force_cases import Asked, all_cases, force_cases
-from tests.longer import mostly_long, mostly_slow
+from tests.longer import mostly_long
 
 NAMES = [*force_cases()]
 APEX, UNLIMITED = "no_weight_apex", "no_effort_limits"
@@ -228,7 +228,7 @@ def test_singular_postures(turn):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", mostly_slow(COMPILED, ["two_soft_effort"]))
+@pytest.mark.parametrize("name", mostly_long(COMPILED, ["two_soft_effort", "two_rigid_tight"]))
 def test_machine_code(name):
     """Its numbers are those of the text on floats, its bits those of schedule, batches, threads and bound calls."""
     case, code = force_cases()[name], fast(name).distribute

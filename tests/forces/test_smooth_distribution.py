@@ -140,6 +140,7 @@ def test_differences(seed):
     assert sum(parts) == pytest.approx(forward, rel=0.0, abs=1e-9 * np.abs(parts).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("task", "weight"), [ASKED[1], pytest.param(*ASKED[2], marks=pytest.mark.slow)], ids=["rows", "weight"]
 )

@@ -34,6 +34,7 @@ def test_actions_squeeze():
         )
 
 
+@pytest.mark.slow
 def test_clipped():
     """An action beyond 1 is one of 1."""
     found = []

@@ -35,7 +35,7 @@ def is_bounded(found: hf.identification.Identification) -> bool:
 
 
 @pytest.mark.parametrize("by", BY)
-@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 12), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [range(2), *mostly_long([range(2, 12)], ())])
 def test_exact_data_give_the_payload(by, seeds):
     """To 1e-9 of its size for guesses within a factor of ten, or the value is named as kept."""
     for seed in seeds:
@@ -53,7 +53,7 @@ def test_exact_data_give_the_payload(by, seeds):
         pytest.param(range(1000, 1167), marks=pytest.mark.long),  # 2,004 cases together
     ],
 )
-@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize("by", mostly_long(BY, ["wrist_wrench"]))
 @pytest.mark.parametrize("noise", mostly_long(NOISES, ["white positions"]))
 def test_intervals_hold_the_truth(noise, by, seeds):
     """Of the 90 % intervals, 85 to 95 % do; nothing determined is off by more than five deviations."""
@@ -171,6 +171,7 @@ def test_a_reversed_sign(by):
         hf.identify(case.chain, turned, by=by)
 
 
+@pytest.mark.slow
 def test_joint_friction():
     """Dampers and dry friction of the model enter the torques: without the latter the mass is off."""
     case = random_case(1, "exact", "tau")

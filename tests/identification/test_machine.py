@@ -126,6 +126,7 @@ def factor(theta: np.ndarray) -> np.ndarray:
     return T @ T.T
 
 
+@pytest.mark.long
 def test_a_joint_region_holds_its_estimate_and_not_what_is_far_off():
     """Regions of one and of all values; names that are unknown or not determined are refused."""
     exact = rubbing()

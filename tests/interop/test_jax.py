@@ -13,7 +13,7 @@ from holdfast.interop import to_jax
 from holdfast.questions.question import QUESTIONS
 from tests.derivatives.chains import random_chain
 from tests.interop.differences import five_points, moved
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 from tests.questions.every import direct, inputs_of
 
 jax = pytest.importorskip("jax", reason="needs JAX: pip install 'holdfast[jax]'")
@@ -103,7 +103,7 @@ def test_gradient_by_every_argument(problem, route, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trunk", ["floating", "fixed"])
+@pytest.mark.parametrize("trunk", mostly_long(["floating", "fixed"], ("floating",)))
 def test_trunks(trunk):
     """Gradients by a floating base's pose and twist, and by how a base in the world moves; both modes agree."""
     p = random_chain(1, trunk)

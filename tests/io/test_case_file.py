@@ -95,10 +95,15 @@ def test_missing_or_misspelt_key(where, write):
     )
 
 
+def one_of_three_soon(where):
+    """Return places for parameters, two of three of which are `slow`."""
+    return [pytest.param(x, marks=[pytest.mark.slow] if k % 3 else []) for k, x in enumerate(where)]
+
+
 JUNK = ("text", None, True, [], {}, [[]])
 
 
-@pytest.mark.parametrize("where", PLACES, ids=path)
+@pytest.mark.parametrize("where", one_of_three_soon(PLACES), ids=path)
 def test_wrong_type_or_length(where, write):
     """A value of another type, or a list one item too short or too long, is refused at its place."""
     was = at(small_case(), where)
@@ -125,7 +130,7 @@ def test_arms_beyond_the_answer(write):
     assert refusal(write(case)) == "$.expected.qdd: expected 3 lists, one per arm, got 4"
 
 
-@pytest.mark.parametrize("where", NUMBERS, ids=path)
+@pytest.mark.parametrize("where", one_of_three_soon(NUMBERS), ids=path)
 def test_extreme_numbers(where, write):
     """What is not finite is refused by its path; near the end of the range files load or are refused."""
     for token in ("NaN", "-Infinity", "1e999"):

@@ -27,6 +27,7 @@ from tests.io.damages import damage
 from tests.io.recorded import SCENE, meta, samples
 from tests.io.remembering import Died, dies_at, unlimited
 from tests.io.remembering import run as remembering
+from tests.longer import mostly_long
 from tests.robots.two_armed import TWO_ARMED
 from tests.simulation.rollout.problems import elsewhere, problem, swinging
 
@@ -252,7 +253,7 @@ MANIFEST |= dict.fromkeys(("result", "result with bases"), "meta.json") | {"reco
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", mostly_long(CASES, {*CASES} - {"unfinished result"}))
 def test_some_damages(name, written, tmp_path):
     """A hundred of them."""
     for seed in range(SOME):

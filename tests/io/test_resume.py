@@ -15,6 +15,7 @@ from tests.io import remembering
 from tests.io.recorded import SCENE, filled, meta, same_bits, samples, writer
 from tests.io.remembering import Died, dies_at, run
 from tests.io.signing import resigned
+from tests.longer import mostly_slow
 
 SAMPLES = 13
 
@@ -32,7 +33,7 @@ def small_chunks(monkeypatch):
     monkeypatch.setattr(result_folder, "LONGEST_WAIT", np.inf)
 
 
-@pytest.mark.parametrize("sample", [1, 9])
+@pytest.mark.parametrize("sample", mostly_slow([1, 9], (9,)))
 def test_goes_on_to_the_same_bits(sample, whole, tmp_path):
     """Whichever sample was the last: the rest comes from the checkpoint of the last flush, memory and all."""
     with pytest.raises(Died):

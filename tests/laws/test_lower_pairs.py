@@ -15,6 +15,7 @@ from holdfast.scenario import parts
 from holdfast.scenario.scene import GraspTable
 from holdfast.simulation.checkpoint import _grasp, _grasp_data
 from holdfast.spatial.spatial_vector import shift_twist
+from tests.longer import mostly_slow
 from tests.oracles.differenced_positions import Mechanism, exact, rotation_about
 from tests.systems.lower_pairs import JOINTS, MOTIONS, PITCH, pair, with_lead
 from tests.systems.problems import largest_gaps, relative_gap
@@ -110,10 +111,10 @@ def gap(kind, T, p) -> list:
     }[kind]()
 
 
-@pytest.mark.parametrize("kinds", [(kind, "rigid") for kind in MIXED], ids="-".join)
-def test_positions_alone(kinds):
+@pytest.mark.parametrize("kind", mostly_slow(MIXED, ("screw", "planar")))
+def test_positions_alone(kind):
     """One dense system of what differences of the positions say, in 60 digits, has the same accelerations."""
-    p = pair(kinds, 11, joints=4)
+    p = pair((kind, "rigid"), 11, joints=4)
     rates = np.concatenate([p.state.qd, p.state.object_twist])
     forces = np.concatenate([p.tau, np.zeros(6)])
     truth = mechanism(p.chain, p.state, turned_links(p.chain)).accelerations(
@@ -299,6 +300,7 @@ def test_motions_given_by_hand(kind):
             assert (largest_gaps(hf.dynamics.closure(one, closed)) < (1e-12, 1e-12)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [("scara", "lead in a plane", "rigid")], ids="-".join)
 def test_machine_code_by_hand(kinds):
     """Machine code of motions given by hand: accelerations, wrenches, gaps and projection."""

@@ -5,6 +5,7 @@ import pytest
 
 from holdfast import Inputs
 from holdfast.dynamics import project_velocity
+from tests.longer import mostly_slow
 from tests.oracles.arithmetic import solve_by_elimination
 from tests.oracles.every_body import EveryBody
 from tests.oracles.maximal_kkt import solve, solve_min_norm
@@ -136,7 +137,7 @@ EXACT = 1e-12
 SLIDING = ("universal", "slider", "cylinder", "planar", "two slides", "three slides", "scara")
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", mostly_slow(names(), names()[2::3]))
 def test_stored_answers(name):
     """Accelerations of trunk, base, arms and object; forces where they are unique."""
     case = cases()[name]

@@ -185,6 +185,7 @@ def test_time_scaling():
     assert shifted.t[0] == 5.0
 
 
+@pytest.mark.slow
 def test_mirror():
     """The mirrored question has the mirrored answer: left and right exchanged, and the signs of odd joints."""
     chain, state = two_arms("panda")
@@ -233,7 +234,7 @@ def test_other_grasps(kinds):
     assert plan.chain is chain
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bushings_keep_their_stretch():
     """An arm behind a bushing goes with the object: its tip stays where it is on the object."""
     chain, state = two_pandas()

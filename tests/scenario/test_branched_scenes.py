@@ -74,6 +74,7 @@ def simulated(text: str) -> hf.simulation.Trajectory:
     return hf.simulate(found.chain, found.state, found.controller, found.duration, found.step, **found.options)
 
 
+@pytest.mark.slow
 def test_gripper():
     """Fingers move alike, the grip is closed where the scene has the box, and the push's work becomes energy."""
     found = scene(GRIPPER)

@@ -152,6 +152,7 @@ path = {{ {through}, fastest = {{ nodes = 9 }} }}
     assert np.allclose(path.at(path.duration).pose.p, [0, 0.05, 0.72], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_from_file_to_folder_and_back(tmp_path, cli):
     """A run with memory is the same in one go, and interrupted and resumed; its folder has the scene's law again."""
     keys = f"{POSTURE}\n{LIMITS}\nobserver = {{ gain = 100.0 }}\nforces = {{ type = 'hybrid_force', gain = 50.0 }}"

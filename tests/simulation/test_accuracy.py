@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 import holdfast as hf
 from holdfast.simulation.runge_kutta import dop853
+from tests.longer import mostly_slow
 from tests.oracles import sundials
 from tests.oracles.planar_linkage import Motion, rate
 from tests.oracles.slider_crank import SliderCrank
@@ -68,7 +69,7 @@ def pulls(turns: list, ways: list, rates: list) -> list:
     return [x + torque * (way[1] - way[0]) for x, way in zip(load, ways, strict=True)]
 
 
-@pytest.mark.parametrize("problem", PROBLEMS)
+@pytest.mark.parametrize("problem", mostly_slow(PROBLEMS, [*PROBLEMS][::2]))
 def test_every_grasp(problem):
     """Closed to 1e-12 and 1e-11 after every step, by `closure`."""
     balances = balances_of(fixed(*stepper_of(*PROBLEMS[problem]()), np.linspace(0.0, 0.008, 5)))
@@ -77,7 +78,9 @@ def test_every_grasp(problem):
     assert balances.drift <= 1e-7 * balances.peak_kinetic
 
 
-@pytest.mark.parametrize(("rtol", "steps", "drift"), [(1e-6, 10, 1e-5), (1e-12, 40, 1e-11)])
+@pytest.mark.parametrize(
+    ("rtol", "steps", "drift"), mostly_slow([(1e-6, 10, 1e-5), (1e-12, 40, 1e-11)], [(1e-6, 10, 1e-5)])
+)
 def test_tolerance_buys_energy(rtol, steps, drift):
     """Two Pandas fall for 0.2 s: energy is kept as the tolerance asks, and steps are as long as it allows."""
     balances = balances_of(adaptive(*stepper_of(*PROBLEMS["pandas"](), dop853(), rtol), 0.2))

@@ -149,7 +149,7 @@ def test_gripping():
     assert gained[1] == pytest.approx(gained[0], rel=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_on_a_trunk():
     """Wrenches on a trunk's bodies and on the arms' links, where steps are machine code: the reference's."""
     p = still_base(3, 1, floating=True, in_world=0.0, arms={"joints": (3, 2), "grasps": ("ball", None)})

@@ -51,6 +51,7 @@ def converged():
     return hf.simulate(chain, state, free, 1.0, 2e-2, scheme="dop853", rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_printed_figure(converged):
     """Exudyn's sum, of a second-order method in 1 ms steps; two of it are the freedom and the redundant row."""
     chain, _ = bricard()
@@ -202,6 +203,7 @@ def test_velocities_beside_the_constraint(gap):
     assert np.abs(velocities - expected).max() < 1e-12 + 100 * gap
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", mostly_long([0.0, 1e-9, 3e-7], [3e-7]))
 def test_an_arm_that_grips_beside_its_grasp(gap):
     """Bricard's loop closes with a row too many: the impulse leaves the motion that the loop allows."""

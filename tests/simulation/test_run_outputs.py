@@ -179,6 +179,7 @@ def test_bases_that_move(run, tmp_path):
         swayed.setting.base_motion["left"](0.0011)
 
 
+@pytest.mark.slow
 def test_the_command_line_reads_it(run, tmp_path, capsys):
     """`holdfast view`, `plot` and `export` take a folder of a Python run as any other."""
     for extra in ("matplotlib", "viser"):

@@ -97,6 +97,7 @@ def test_chosen_arrays(record):
         some.summary()
 
 
+@pytest.mark.slow
 def test_states_are_enough_to_interpolate():
     """`state_at` of a run of states, every five steps, is that of all steps to the order of the interpolation."""
     chain, state = two_pandas("rigid", "rigid")
@@ -128,7 +129,9 @@ def test_too_many_samples():
         lift(2000.001, sample_time=None)
 
 
-@pytest.mark.parametrize("options", [{}, {"every": 3}, {"record": ["q", "lowest_margin"], "every": 2}])
+@pytest.mark.parametrize(
+    "options", [*mostly_slow([{}, {"every": 3}], []), {"record": ["q", "lowest_margin"], "every": 2}]
+)
 def test_resumed(options):
     """From the checkpoint of any recorded sample the run goes on to the bit."""
     saved, seen = [], []

@@ -141,6 +141,7 @@ def test_between_samples():
 DELAYED = [{"delay": 0.4 * PERIOD}, {"scheme": "dop853", "delay": PERIOD}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", mostly_long(DELAYED, DELAYED[:1]), ids=str)
 def test_going_on_changes_no_bit(options):
     """From a checkpoint through disk, with torques that wait and a memory."""

@@ -15,13 +15,14 @@ from holdfast.simulation.runge_kutta import IMEX, RK4
 from holdfast.simulation.singular_configuration import ConstraintFactors, rank_drop
 from holdfast.simulation.stepper import ReferenceStepper, in_parts
 from tests.control.two_pandas import two_pandas
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.simulation.test_overconstrained import FREE, free
 from tests.systems.n_four_bar import n_four_bar, passing_times
 from tests.systems.parallel_cranks import parallel_cranks
 
 SCHEMES = [{"scheme": "rk4"}, {"scheme": "dop853", "rtol": 1e-9}, {"scheme": "dop853", "rtol": 1e-12}]
 SOON = [(SCHEMES[0], free), (SCHEMES[1], FREE)]
+LATER = [of for of in itertools.product(SCHEMES, [free, FREE]) if of not in SOON]
 ROWS, COLUMNS = 11, 9
 
 
@@ -38,7 +39,7 @@ def energy_error(run) -> float:
     return float(np.abs(energy - energy[0]).max())
 
 
-@pytest.mark.parametrize(("options", "controller"), mostly_long(itertools.product(SCHEMES, [free, FREE]), SOON))
+@pytest.mark.parametrize(("options", "controller"), [SOON[0], *mostly_slow(SOON[1:], ()), *mostly_long(LATER, ())])
 def test_a_run_stops_before_a_singular_configuration(options, controller):
     """To a millionth of a second of the instant on paper, whatever the scheme, with ranks and what is lost."""
     chain, state = n_four_bar()
@@ -68,7 +69,7 @@ def test_continuing_through_singular_configurations(options):
     assert energy_error(run) < 4.0 * np.abs(energy[before] - energy[0]).max() + 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_no_step_sees():
     """The configuration lies where a grid time is, as near as a step can hardly end: it is found all the same."""
     chain, state = n_four_bar(2)

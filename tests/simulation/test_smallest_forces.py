@@ -18,7 +18,7 @@ from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper, Tolerance
 from holdfast.spatial import scalar
-from tests.longer import mostly_long, mostly_slow
+from tests.longer import mostly_long
 from tests.simulation.rollout.problems import arrays
 from tests.simulation.test_overconstrained import FREE, free
 from tests.systems.overconstrained import MECHANISMS
@@ -69,7 +69,7 @@ FURTHER = sorted(MECHANISMS.keys() - set(TELLING))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", mostly_slow(MECHANISMS, ["threads by hand"]))
+@pytest.mark.parametrize("name", mostly_long(MECHANISMS, ["threads by hand", "on a trunk", "soft fingers"]))
 def test_whole_steps(name):
     """Of steps of machine code, most of which are taken together."""
     chain, state = MECHANISMS[name]()
@@ -95,7 +95,7 @@ def test_moving_bases():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*mostly_slow(TELLING, TELLING[:1]), *mostly_long(FURTHER, [])])
+@pytest.mark.parametrize("name", [*mostly_long(TELLING, TELLING[:1]), *mostly_long(FURTHER, [])])
 def test_steppers_agree(name):
     """Rows of the constraint and steps of collocation, by the reference and by machine code of every kind."""
     chain, state = MECHANISMS[name]()

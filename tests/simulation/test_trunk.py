@@ -64,7 +64,7 @@ def test_an_arms_first_joints_as_a_trunk(below):
         assert getattr(second, name) == pytest.approx(getattr(first, name), rel=1e-9, abs=1e-8), name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_free_flight_keeps_momentum():
     """Without gravity and wrenches, torques of all kinds move no momentum; an arm that grips in flight neither."""
     arms = {"arms": 3, "grasps": "rigid", "joints": 7, "gravity": (0, 0, 0)}

@@ -170,10 +170,11 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
 
 SOON = [
     "soft fingers",
-    "sampled, delayed",
     "recorded violations",
     "pendulum",
 ]
+LATER = ["sampled, delayed", "minima, sampled", "wrench of state", *(x for x in RUNS if x.startswith("function, "))]
+EARLIER = [name for name in RUNS if name not in LATER]
 
 
 @contextmanager
@@ -191,7 +192,7 @@ def together(monkeypatch: pytest.MonkeyPatch, allowed: bool) -> Iterator[list[in
         yield counts
 
 
-@pytest.mark.parametrize("name", mostly_slow(RUNS, SOON))
+@pytest.mark.parametrize("name", [*mostly_slow(EARLIER, SOON), *mostly_long(LATER, ())])
 def test_same_bits(name, monkeypatch):
     """Samples, log, and every checkpoint, whatever happens; and most steps are indeed taken together."""
     run, least = RUNS[name]
@@ -256,10 +257,8 @@ def test_a_function_is_called_at_the_stages(options):
         np.testing.assert_allclose(mine[finite], theirs[finite], rtol=1e-4, err_msg=name)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", mostly_long(["wrench of time", "wrench of state", "wrench, sampled, delayed"], ["wrench of state"])
-)
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["wrench of time", "wrench of state", "wrench, sampled, delayed"])
 def test_wrenches_by_functions(name):
     """The motion, its forces and its balances are those that the reference finds; the function is called at stages."""
     run, _ = RUNS[name]

@@ -37,6 +37,7 @@ def named(run) -> str:
     return " ".join([run.stopped or "", *(one.text for one in run.occurrences if one.kind == "unresolved")])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", mostly_slow(["rk4", "midpoint"], ["midpoint"]))
 @pytest.mark.parametrize("factor", mostly_slow([1.04, 1.3, 3.0], [1.04]))
 def test_too_high_a_gain(factor, scheme):
@@ -91,7 +92,7 @@ def test_a_damper_or_spring_is_named(part, words, monkeypatch):
     assert re.search(rf"joint '(left|right)/[xyz]', {words}", run.stopped or ""), run.stopped
 
 
-@pytest.mark.parametrize("seed", [527, 571])
+@pytest.mark.parametrize("seed", mostly_slow([527, 571], (571,)))
 def test_a_recorded_limit_ends_no_run(seed):
     """A midpoint step passes a limit that its halves pass elsewhere: it is recorded, as in a run of shorter steps."""
     chain, state, controller, step, scheme, _ = case(seed, *RANGES["low"])
@@ -104,7 +105,7 @@ def test_a_recorded_limit_ends_no_run(seed):
     assert passed(run) == passed(fine)
 
 
-@pytest.mark.parametrize("seed", [128, 135, 274])
+@pytest.mark.parametrize("seed", mostly_slow([128, 135, 274], (128, 274)))
 def test_a_limit_passed_just_before_a_step(seed):
     """Its margin is lowest at the edge of what the step knows, and still is no reason to call the step too long."""
     chain, state, controller, step, scheme, _ = case(seed, *RANGES["low"])

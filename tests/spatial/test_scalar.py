@@ -209,6 +209,7 @@ def test_floats_and_states():
     assert seen == [np.ndarray, TracedArray]
 
 
+@pytest.mark.slow
 def test_wrenches_of_a_rollout():
     """External wrenches of the state may be in NumPy's spelling, too: as large as those in the words."""
 

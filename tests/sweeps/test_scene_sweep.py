@@ -77,6 +77,7 @@ def test_a_run_is_that_of_simulate(folder):
     assert found.object_twist[-1] == pytest.approx(expected.object_twist[-1], abs=1e-10)
 
 
+@pytest.mark.slow
 def test_again_from_the_folder_alone(folder, tmp_path, cli):
     """Its run is taken again to the bits of its row, as a result that other commands read; missing files come back."""
     expected = data(folder)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -149,12 +152,16 @@ def on_a_shoulder() -> Branched:
     return moving(chain, hf.State(q, np.zeros(9), place, base_pose=base))
 
 
-def branched_problems() -> dict[str, Branched]:
+@cache
+def branched_problems() -> Mapping[str, Branched]:
     """Return chains with all that makes a chain a forest, in motion, by name."""
     gripper = two_arms_with_grippers()
-    return {
+    made = {
         "grippers": moving(gripper.chain, gripper.state),
         "palletiser": palletiser(),
         "pot and lid": pot_and_lid(),
         "on a shoulder": on_a_shoulder(),
     }
+    for problem in made.values():
+        problem.tau.flags.writeable = False
+    return MappingProxyType(made)

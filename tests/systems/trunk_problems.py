@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
@@ -12,25 +11,20 @@ import holdfast
 from holdfast import ClosedChain, Inputs, Joint, Link, Pose, State, Trunk
 from holdfast.dynamics import project_velocity
 from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
-from holdfast.io import load_cases
 from holdfast.spatial import rotation
 from tests.systems.as_chain import Problem
 from tests.systems.problems import random_problem
+from tests.systems.stored_cases import stored_cases
 
-FILE = Path(__file__).parents[1] / "data" / "cases_trunk.json"
 
-
-@cache
 def cases():
     """Return the stored cases by name."""
-    return {case.name: case for case in load_cases(FILE)}
+    return stored_cases("cases_trunk.json")
 
 
 def names():
-    """Return the names of the stored cases, for parameters of tests: read before anything is built."""
-    import json
-
-    return [case["name"] for case in json.loads(FILE.read_text())["cases"]]
+    """Return the names of the stored cases, for parameters of tests."""
+    return [*cases()]
 
 
 def random_body(random) -> Link:

@@ -167,7 +167,7 @@ TEXTS = """() => [...document.querySelectorAll("#holdfast h1 bdi, #holdfast p, #
 SHOWN = [name for name in NAMES if name.strip()]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_names_in_a_browser(lifting, tmp_path):
     """Title, legend and notes of the page in Chromium are the names; the panel follows; nothing complains."""
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")

@@ -196,6 +196,7 @@ WATCH = """() => new Promise(done => {
 })"""
 
 
+@pytest.mark.long
 def test_a_narrow_picture_and_equal_curves(tmp_path):
     """The eye goes as far away as the width asks for, and back with the window; of equal curves both are seen."""
     playback = played()
@@ -218,6 +219,7 @@ def test_a_narrow_picture_and_equal_curves(tmp_path):
     assert float(ticks[1]) <= force.min() and force.max() <= float(ticks[0]) < 1.5 * force.max()
 
 
+@pytest.mark.long
 def test_a_page_of_several(tmp_path):
     """Whoever chooses another run, by mouse or by its number, sees it at the same time from the same camera."""
     first = played("first")

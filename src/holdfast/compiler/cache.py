@@ -95,15 +95,17 @@ def _head(key: str, code: bytes) -> bytes:
 def _trim(place: Path) -> None:
     """Remove the least recently used entries until the others are within `SIZE_CAP`."""
     entries = []  # these include the temporary files of writers that were killed
-    for path in place.glob(f"*{_SUFFIX}*"):
-        with contextlib.suppress(OSError):  # another process may remove entries at the same time
-            found = path.stat()
-            entries.append((found.st_mtime_ns, found.st_size, path))
+    with contextlib.suppress(OSError), os.scandir(place) as files:
+        for file in files:
+            if _SUFFIX in file.name:
+                with contextlib.suppress(OSError):  # another process may remove entries at the same time
+                    found = file.stat()
+                    entries.append((found.st_mtime_ns, found.st_size, file.path))
     total = sum(size for _, size, _ in entries)
     for _, size, path in sorted(entries):
         if total <= SIZE_CAP:
             return
-        _remove(path)
+        _remove(Path(path))
         total -= size
 
 

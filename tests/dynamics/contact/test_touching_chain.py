@@ -1,7 +1,6 @@
 """Contacts of chains: stored instants, laws of motion with them, and chains without them."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +10,14 @@ from holdfast.cli.contact_answers import contact_answers
 from holdfast.dynamics import ContactMode, ContactStatus, kinetic_energy
 from holdfast.dynamics.contact.rows import contact_rows
 from holdfast.errors import ContactError, ModelError, StateError
-from holdfast.io import load_cases
 from holdfast.world import HalfSpace, Touching, corners
 from tests.longer import mostly_slow
+from tests.systems.stored_cases import stored_cases
 
-FILE = Path(__file__).parents[2] / "data" / "cases_contact.json"
-CASES = {case.name: case for case in load_cases(FILE) if getattr(case, "kind", "") in ("impact", "rest", "sliding")}
-SOON = [name for name in CASES if name.endswith(("_1", "sliding_3"))]
+CASES = stored_cases("cases_contact.json")
+INSTANTS = [name for name, of in CASES.raw.items() if of["kind"] in ("impact", "rest", "sliding")]
+RESTING = next(name for name, of in CASES.raw.items() if of["kind"] == "rest")
+SOON = [name for name in INSTANTS if name.endswith(("_1", "sliding_3"))]
 
 
 def block(friction=0.4, restitution=0.0, **more):
@@ -28,7 +28,7 @@ def block(friction=0.4, restitution=0.0, **more):
     return chain, hf.State(np.zeros(0), np.zeros(0), hf.Pose.translation(0, 0, 0.05).wxyz_xyz, np.zeros(6))
 
 
-@pytest.mark.parametrize("name", mostly_slow(CASES, SOON))
+@pytest.mark.parametrize("name", mostly_slow(INSTANTS, SOON))
 def test_stored_instants(name):
     """Accelerations, velocities, net wrench, modes and forces are those found in 40 digits, to 1e-9."""
     (answer,) = contact_answers(CASES[name], ["sequential"])
@@ -39,7 +39,7 @@ def test_stored_instants(name):
 @pytest.mark.parametrize("method", ["kkt", "rccfd1"])
 def test_other_methods(method):
     """Contact forces enter as any wrench on the object, so every method answers."""
-    case = next(case for case in CASES.values() if case.kind == "rest")
+    case = CASES[RESTING]
     (answer,) = contact_answers(case, [method])
     assert answer.error < 1e-9
 
@@ -79,7 +79,7 @@ def test_a_block_rests_slides_and_starts():
 
 def test_without_contact_nothing_changes():
     """A chain whose candidates are all open moves as one without touching, to the bit."""
-    case = next(case for case in CASES.values() if case.kind == "rest")
+    case = CASES[RESTING]
     plain = replace(case.chain, touching=None)
     far = replace(case.chain, touching=Touching({"p": [0, 0, 0]}, {"floor": HalfSpace(offset=-100.0, friction=1.0)}))
     first, second = (hf.forward_dynamics(chain, case.state, case.tau) for chain in (plain, far))
@@ -107,7 +107,7 @@ def test_refusals():
         hf.touch(replace(chain, touching=None), falls)
     with pytest.raises(ModelError, match="pairs"):
         Touching({"p": [0, 0, 0]}, {"floor": HalfSpace()}, [("p", "wall")])
-    rod = next(case for case in load_cases(FILE) if case.name == "contact_rod_1")
+    rod = CASES["contact_rod_1"]
     with pytest.raises(ContactError, match="jams") as caught:
         hf.forward_dynamics(rod.chain, rod.state, [])
     assert caught.value.status == "JAMMED"

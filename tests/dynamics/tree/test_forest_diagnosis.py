@@ -24,7 +24,7 @@ def test_rank(seed):
     assert found.status == ("regular" if found.rank == found.rows else "indeterminate")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bodies_without_names():
     """They are listed by their indices."""
     p = random_forest(4)

@@ -11,10 +11,10 @@ from holdfast.dynamics.tree.forest_inverse import driven
 from holdfast.errors import StateError
 from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody, JointCoupling
 from tests.dynamics.tree.problems import LINK, gap, parallelogram, underactuated
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(100), range(10)))
+@pytest.mark.parametrize("seed", [*mostly_slow(range(40), range(10)), *mostly_long(range(40, 100), ())])
 def test_forward_dynamics_gives_it_back(seed):
     """Random forests of ten families, a third of whose joints have no drive: the same accelerations, and forces."""
     p = underactuated(seed)

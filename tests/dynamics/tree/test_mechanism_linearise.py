@@ -65,6 +65,7 @@ def test_as_serial_chains(name):
     assert gap(found.basis[half:][:n] @ found.rate, wanted.basis[there:][:n] @ wanted.rate) < 1e-8
 
 
+@pytest.mark.slow
 def test_passive_joints_and_bases():
     """Torques of passive joints do nothing; a basis is turned towards that of a neighbour; a step is refused."""
     chain, state, tau = branched_problems()["palletiser"]

@@ -9,6 +9,7 @@ import holdfast as hf
 from holdfast.cli.solve import error_vs_expected
 from holdfast.dynamics import METHODS
 from holdfast.dynamics.closed.chain_motion import chain_motion
+from tests.longer import mostly_slow
 from tests.systems.problems import random_problem, relative_gap
 from tests.systems.trunk_problems import cases, names, on_trunk, random_on_trunk
 
@@ -20,7 +21,7 @@ ANSWERS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration",
 
 
 @pytest.mark.parametrize("route", ["recursive", "mass_matrix"])
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", mostly_slow(names(), names()[::3]))
 def test_stored_answers(name, route):
     """Torsos, hands, free flyers, arms on several links and in the world: `sequential` has the 180-digit answers."""
     case = cases()[name]
@@ -29,7 +30,7 @@ def test_stored_answers(name, route):
     assert error_vs_expected(found, case.expected, motion) < EXACT
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", mostly_slow(names(), names()[1::3]))
 def test_stored_answers_by_dense_equations(name):
     """`kkt` has them too where forces are unique, and refuses by name elsewhere; the paper's algorithms refuse."""
     case = cases()[name]

@@ -6,6 +6,7 @@ import pytest
 import holdfast as hf
 from holdfast.errors import ModelError
 from holdfast.world import HalfSpace, Sphere, Touching, corners
+from tests.longer import mostly_slow
 
 MU, G, SPEED = 0.3, 9.81, 0.8
 EDGES = (0.2, 0.2, 0.1)
@@ -50,7 +51,7 @@ def lift(t):
     return hf.Pose.translation(0, 0, z), [0, 0, 0, 0, 0, v], [0, 0, 0, 0, 0, a]
 
 
-@pytest.mark.parametrize("contacts", ["events", "steps"])
+@pytest.mark.parametrize("contacts", mostly_slow(["events", "steps"], ("steps",)))
 def test_lift_carries_a_box(contacts):
     """The box follows; the force is m (g + a), and its power is that of the energy that the box gains."""
     chain, start = box_on()

@@ -72,6 +72,7 @@ def test_whitney_wedge(tilt):
     assert not all(carried(rows, 0.999 * mu, load) for load in loads)
 
 
+@pytest.mark.slow
 def test_circle_against_brute_force():
     """Both places of a tilted rim in a chamfered hole: no point of the circle is nearer."""
     rng, hole = np.random.default_rng(1), Hole(radius=R, chamfer=2e-3, edge=1e-4)

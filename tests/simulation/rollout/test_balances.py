@@ -29,6 +29,7 @@ def test_closure(name):
     assert max(np.abs(gap.velocity).max() for gap in gaps) <= 1e-12
 
 
+@pytest.mark.slow
 def test_first_gap_is_reported():
     """`start` closes what is a little open, and reports how far it was."""
     rollout, (_, state) = swinging("legs"), problem("legs")

@@ -39,6 +39,7 @@ def test_place_in_the_batch():
         assert same(after(rollout, systems, 5, threads=threads), whole)
 
 
+@pytest.mark.slow
 def test_how_steps_are_asked_for():
     """k steps in a call, one at a time, in odd portions, on copies; the law sees time and memory."""
     rollout, (_, state) = swinging("five"), problem("five")

@@ -20,6 +20,7 @@ from holdfast.simulation.runge_kutta import MIDPOINT
 from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.simulation.trajectory import array_names
 from tests.compiler.programs import same_bits
+from tests.longer import mostly_long
 from tests.simulation.rollout.problems import (
     arrays,
     difference,
@@ -142,7 +143,7 @@ def agree(run, expected):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("floating", [True, False])
+@pytest.mark.parametrize("floating", mostly_long([True, False], (True,)))
 def test_as_simulate(floating):
     """Under a law that looks at a floating base, or on one that moves; wrenches on all links, a payload of its own."""
     p = on_trunk(floating)

@@ -138,6 +138,7 @@ def test_singular_at_a_steps_end_or_inside():
         assert isinstance(reference.advance(now, [1e-2])[0].failure, SingularChainError)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", mostly_slow([True, False], [False]))
 def test_singular_at_the_start(first):
     """A batch may begin with a singular system: it stands still, the generic rank is found from another."""
@@ -212,7 +213,7 @@ def test_torques_that_are_no_numbers():
     assert list(systems.status) == [RolloutStatus.BROKEN, RolloutStatus.RUNNING]
 
 
-@pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
+@pytest.mark.parametrize("scheme", mostly_slow(["rk4", "midpoint"], ("rk4",)))
 def test_feedback_that_blows_up_is_no_slip(scheme):
     """h gain / inertia from what a step can follow to far beyond: `TOO_LONG`, never `SLIPPED`; true slips stay."""
     chain, state = squeezed(("ball", "ball"), Friction(MU))

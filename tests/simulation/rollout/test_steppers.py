@@ -21,7 +21,7 @@ from holdfast.simulation.runge_kutta import scheme
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.spatial import rotation
 from tests.dynamics.problems import random_problem
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 from tests.simulation.rollout.problems import arrays, difference, generic_rank, numbers, problem, swinging, swinging_law
 from tests.systems.lower_pairs import JOINTS, grasp_of
 from tests.systems.problems import largest_gaps
@@ -119,10 +119,10 @@ def shaken(base: Pose, seed: int) -> Any:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "moving", "by", "traced"),
-    [
+    mostly_long([
         ("one", False, "midpoint", False), ("five", True, "rk4", False), ("five", True, "dop853", False),
         ("one", False, "dop853", True), ("five", True, "rk4", True),
-    ],
+    ], [("one", False, "midpoint", False), ("five", True, "rk4", True)]),
 )  # fmt: skip
 def test_stagewise(name, moving, by, traced):
     """Any controller, and laws as machine code; wrenches as functions of time, moving bases, estimated errors."""

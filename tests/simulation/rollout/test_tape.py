@@ -150,6 +150,7 @@ def test_bits(rolled):
     assert repr(tape) == "<Tape of 9 steps of 3 systems, states kept every 1>"
 
 
+@pytest.mark.slow
 def test_standing_still(rolled):
     """A system that stops passes on what comes back unchanged; of one that never went there is only that."""
     systems = rolled.tape({}, 0.0).systems
