@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.dynamics.contact.decided_modes import Decision, Reached, decided
-from holdfast.dynamics.contact.fixed_modes import ContactModes, Touch, slip_in_world, tangents
+from holdfast.dynamics.contact.fixed_modes import STOPPED_SPEED, ContactModes, Touch, slip_in_world, tangents
 from holdfast.dynamics.contact.sliding_hands import touching_rows, without_hands
 from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactStatus
 from holdfast.dynamics.result import ForwardResult
@@ -18,7 +18,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Origin
-from holdfast.simulation.contact_signals import CONE, FORCE, OPENING, QUANTITIES, ContactSignals
+from holdfast.simulation.contact_signals import CONE, FORCE, OPENING, QUANTITIES, SLIP, ContactSignals
 from holdfast.simulation.events import Occurrence, OccurrenceKind
 from holdfast.simulation.hand_events import (
     hands_after,
@@ -38,6 +38,7 @@ WAYS = (EVENTS_WAY, IMPULSES_WAY)
 VERBS = {"touch": "touches", "lift": "lifts", "stick": "sticks", "slip": "slips"}
 MOST_AT_ONCE = 100  # entries of the log within `SAME_INSTANT`
 SAME_INSTANT = 1e-9  # s
+SAME_LIMIT = 1e-8  # of the friction that contacts can give: less is left to those that slip together
 
 
 def require_contacts(
@@ -91,9 +92,15 @@ def reached(segment: Segment, at: Instant, margins: Array) -> Reached:
     spent = spent_grasps(segment, at, margins)
     if touch is None or not isinstance(signals, ContactSignals):
         return Reached([], [], {}, spent)
-    of_contacts = margins[signals.of_margins :].reshape(-1, len(QUANTITIES)) < 0.0
-    along = tangents(touch.force)
-    for j in np.flatnonzero(of_contacts[:, CONE]).tolist():
+    found = margins[signals.of_margins :].reshape(-1, len(QUANTITIES))
+    of_contacts, along = found < 0.0, tangents(touch.force)
+    beyond = of_contacts[:, CONE]
+    if beyond.any():  # redundant contacts reach their limits together
+        beyond = found[:, CONE] <= SAME_LIMIT * touch.rows.friction * np.abs(touch.force[:, 2])
+    for j in touch.modes.begins:  # and one that has just begun to slip goes on
+        if 0.0 <= found[j, SLIP] and np.linalg.norm(touch.velocity[j, along]) <= STOPPED_SPEED:
+            slipping[j] = touch.modes.slip[j]
+    for j in np.flatnonzero(beyond).tolist():
         t = touch.force[j, along]
         slipping[j] = slip_in_world(touch.rows.axes[j], -t / np.linalg.norm(t))
     touched, lifted = (np.flatnonzero(of_contacts[:, i]).tolist() for i in (OPENING, FORCE))

@@ -4,7 +4,8 @@
 
 A are the imposed rows, and the rows of D say what a unit of each unknown exerts: the row itself, or for a slipping
 contact n - mu t with the direction t of the slip. P is the object's mobility in the chain, alpha_0 its acceleration
-without contact forces. Redundant contacts share the load by the least norm of x, as equal compliances do.
+without contact forces. Redundant contacts share the load by the least norm of x, as equal compliances do, but in
+another way if that leaves the cones and the other one does not.
 
 The direction of friction is continued smoothly through a stop: just past it, -mu lambda_n t still points against the
 slip before. Only then can the time of the stop be located as the zero of a smooth function.
@@ -22,6 +23,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.closed.held_rows import holding
+from holdfast.dynamics.contact.load_share import within_cones
 from holdfast.dynamics.contact.rows import ContactRows
 from holdfast.dynamics.contact.sliding_hands import (
     Hand,
@@ -204,6 +206,7 @@ def _imposing(
     D = np.einsum("mia,mi->ma", rows.C[of], gives)
     b = A @ acceleration + (rows.drift[of] * units).sum(axis=1)
     x = np.linalg.lstsq(A @ P @ D.T, -b, rcond=DEPENDENT)[0]
+    x = within_cones(of, D, rows.friction, modes.mode == ContactMode.STICKS, x)
     np.add.at(force, of, x[:, None] * gives)
     return force, acceleration + P @ (x @ D)
 
