@@ -165,6 +165,11 @@ def errors_at(rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Arr
     return _Point(rows, unknowns, z, noise).errors
 
 
+def information_of(rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Array) -> Array:
+    """Return the information F of rows about coordinates z, (p, p), for noise of the channels."""
+    return _Point(rows, unknowns, z, noise).information(np.ones(rows.b.shape))
+
+
 class _Point:
     """The whitened rows and their derivatives at coordinates z, for a noise of the channels."""
 
