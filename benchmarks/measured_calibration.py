@@ -226,7 +226,8 @@ def masses(runs: dict[str, dict[str, Any]]) -> None:
     """Print masses from forces: the second halves of the fitted runs by the first, and all other runs by all of these.
 
     The deviation of a mass is the root mean square of the errors of halves that the other halves predict, which
-    includes what sensors drift.
+    includes what sensors drift, and by how much the coefficients of the two halves differ on the run in question, which
+    grows away from what was fitted.
     """
     fitted = fitted_of(runs)
     stated = {name: mass_of(name) for name in runs}
@@ -244,10 +245,11 @@ def masses(runs: dict[str, dict[str, Any]]) -> None:
         return
     for title, way in WAYS.items():
         print(f"\n{title}")
-        errors = list[float]()
+        errors, by_half = list[float](), []
         for said, of in {"second halves by the first": (0, 1), "first halves by the second": (1, 0)}.items():
             known, asked = ({name: np.array_split(read[name], 2)[k] for name in fitted} for k in of)
             c = fit(way, [(known[name], stated[name]) for name in fitted])
+            by_half.append(c)
             found = {name: way(asked[name]) @ c / -G for name in fitted}
             errors += [float(found[name].mean()) - stated[name] for name in fitted]
             shown = ", ".join(f"{stated[name]:g} kg -> {found[name].mean():.2f}" for name in fitted)
@@ -262,9 +264,13 @@ def masses(runs: dict[str, dict[str, Any]]) -> None:
             f" {' and '.join(f'{x:.2f}' for x in within)} kg within a run; deviation {deviation:.2f} kg"
         )
         for name in [name for name in runs if name not in fitted]:
-            found_mass = way(read[name]) @ c / -G
+            found_mass, halves = (
+                way(read[name]) @ c / -G,
+                [float((way(read[name]) @ one).mean()) / -G for one in by_half],
+            )
+            unsure = float(np.hypot(deviation, 0.5 * (halves[0] - halves[1])))
             print(
-                f"  {name}: {found_mass.mean():.2f} +- {deviation:.2f} kg, stated {stated[name]:g} kg;"
+                f"  {name}: {found_mass.mean():.2f} +- {unsure:.2f} kg, stated {stated[name]:g} kg;"
                 f" varies by {found_mass.std():.2f} kg within the run{beyond(read, fitted, name)}"
             )
 
