@@ -158,6 +158,10 @@ def synthetic(seeds: int, rate: float) -> bool:
             size = relative(name, rms[of], right[of])
             if name == "friction":
                 size += f"; of its torque {100 * rubbed(given, errors, unknowns):.2f} %"
+                worst = of[int(np.argmax(rms[of] / np.abs(right[of])))]
+                joint = int(np.flatnonzero(unknowns.where(unknowns.kind_of[worst]) == worst)[0])
+                mean = sizes[joint] / np.sqrt(average * len(rows.y)) / np.abs(right[worst])
+                size += f" ({unknowns.names[worst]}, of which the mean of all noise is {100 * mean:.2f} %)"
             print(f"{name:10} {ratio:17.3f}   {100 * np.mean(inside):10.1f} %   {100 * np.mean(each):12.1f} %   {size}")
             met &= name == "inertia" or kind != "white" or ratio <= 1.15
             met &= all(WITHIN[0] <= float(np.mean(one)) <= WITHIN[1] for one in (inside, each))
