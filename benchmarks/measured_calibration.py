@@ -255,6 +255,7 @@ def masses(runs: dict[str, dict[str, Any]]) -> None:
             shown = ", ".join(f"{stated[name]:g} kg -> {found[name].mean():.2f}" for name in fitted)
             between, right = found[heaviest].mean() - found[lightest].mean(), stated[heaviest] - stated[lightest]
             off = 100.0 * (between / right - 1.0)
+            shown += f", by {np.array2string(c, precision=3)}"
             print(f"  {said}: {shown}; difference {between:.2f} of {right:.2f} kg ({off:+.1f} %)")
         c = fit(way, [(read[name], stated[name]) for name in fitted])
         deviation = float(np.sqrt(np.mean(np.square(errors))))
