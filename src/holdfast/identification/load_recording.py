@@ -197,8 +197,8 @@ def _off_limits(made: Recording, chain: ClosedChain) -> tuple[Recording, Array |
         at_end |= np.abs(made.tau) >= SATURATED * efforts
     if not at_end.any():
         return made, efforts
-    shares = zip(chain.joint_names(), (100.0 * at_end.mean(axis=0)).tolist(), strict=True)
-    said = ", ".join(f"'{name}' {share:.2g} %" for name, share in shares if share)
+    shares = 100.0 * at_end.mean(axis=0)
+    said = ", ".join(f"'{name}' {x:.2g} %" for name, x in zip(chain.joint_names(), shares, strict=True) if x)
     used = np.where(at_end, 0.0, 1.0 if made.used is None else made.used)
     return replace(made, used=used).with_notes(f"joints at a limit do not count: {said}"), efforts
 

@@ -24,6 +24,7 @@ from holdfast.spatial.scalar import Array
 DEGREES = 180.0 / np.pi
 BEYOND_LIMITS = 0.2  # rad beyond a joint's limits, or a turn, from which positions are hardly radians
 SAME_SIGNAL, ANOTHER_SIGNAL = 0.9, 0.5  # correlations of columns that are the same, and of those that are not
+FAR_LESS_LIKE, EXACT_RATES = 10.0, 1e-4  # ratio of 1 - correlation^2 of two columns with a signal; least such size
 TIMES = 5.0  # ratio of sizes above which units differ
 RATE_ERROR = 0.2  # relative error of a ratio of rates that is one by mistaken units or signs
 LARGEST_TURN = 4.0 * np.pi  # largest position of a joint without limits that is expected
@@ -130,8 +131,9 @@ def _of_rates(names: list[str], recordings: Sequence[Recording]) -> list[str]:
                 : len(both), len(both) :
             ]
         for j in both.tolist():
-            if abs(R[j, j]) < ANOTHER_SIGNAL and abs(R[j]).max() > SAME_SIGNAL:
-                k = int(np.argmax(np.abs(R[j])))
+            k, unlike = int(np.argmax(np.abs(R[j]))), 1.0 - R[j] ** 2
+            far = abs(R[j, j]) < ANOTHER_SIGNAL or unlike[j] > FAR_LESS_LIKE * max(unlike[k], EXACT_RATES)
+            if k != j and abs(R[j, k]) > SAME_SIGNAL and far:
                 found.append(f"qd of '{names[j]}' is the rate of '{names[k]}'; most likely columns are swapped")
             if abs(R[j, j]) < SAME_SIGNAL:
                 continue
