@@ -30,7 +30,7 @@ RecordingFiles = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg
 OtherRecording = Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")]
 SceneOfRecording = Annotated[Path, tyro.conf.arg(metavar="SCENE")]
 Deviations = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="KIND=DEVIATION")]
-Weights = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING=MASS[,X,Y,Z]")]
+KnownMasses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING=MASS[,X,Y,Z]")]
 PREFERRED = ("tau", "current", "wrist_wrench", "wrist_force")
 IDENTIFICATION_PAGE = "identification.html"
 DENSITY_OF_STEEL = 7850.0  # kg/m^3
@@ -42,7 +42,7 @@ def identify(
     by: Literal["tau", "current", "wrist_wrench", "wrist_force"] | None = None,
     unknowns: Names = (),
     prior: Deviations = (),
-    added: Weights = (),
+    added: KnownMasses = (),
     held_out: OtherRecording = None,
     robust: Switch = False,
     out: Folder = None,

@@ -32,7 +32,7 @@ from holdfast.state import Inputs, State
 
 ASSUMED_RATE = 2.0  # rad/s, or reaches of the arms a second, of joints without a limit
 FARTHEST_COORDINATE = 1.0  # rad, or reaches, of a coordinate from the start
-GAP_LEFT, MOST_CLOSING_STEPS = 1e-12, 30  # gap at which Newton's steps end, and how many there may be
+GAP_LEFT, MOST_STEPS_TO_CLOSE = 1e-12, 30  # gap at which Newton's steps end, and how many there may be
 NEAR_LIMIT, MOST_SHRINKS = 0.97, 8  # of the nearest limit that a scaled series may use, and attempts to scale it
 UNKNOWN = 2.0  # how far a series is beyond its limits, if its motion cannot be closed
 
@@ -111,7 +111,7 @@ class Coordinates:
     def moved_to(self, chain: ClosedChain, state: State, u: Array) -> tuple[State, ChainMotion] | None:
         """Return the closed state near another one at coordinates u, and the chain at rest; None if it is not found."""
         n = chain.joint_count
-        for _ in range(MOST_CLOSING_STEPS):
+        for _ in range(MOST_STEPS_TO_CLOSE):
             motion, gap = position_gap_at(chain, state)
             left = np.r_[u - self.B.T @ (state.q - self.state.q), -gap]
             size = float(np.abs(left).max())

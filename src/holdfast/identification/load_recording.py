@@ -178,9 +178,8 @@ def _of_map(table: NamedColumns, chain: ClosedChain, given: RecordingTable, inpu
     if counted is not None:
         found["used"] = (np.nan_to_num(counted) != 0.0).astype(float)
     notes += _notes_on_times(given.time, t[kept])
-    made, efforts = Recording(t[kept], **found, inputs=inputs, notes=tuple(notes)), None
-    if given.at_limits == "drop":
-        made, efforts = _off_limits(made, chain)
+    made = Recording(t[kept], **found, inputs=inputs, notes=tuple(notes))
+    made, efforts = _off_limits(made, chain) if given.at_limits == "drop" else (made, None)
     if given.cutoff is None:
         return made
     ready, report = prepared(made, given.cutoff, limits=efforts, standstill=given.standstill)
@@ -197,8 +196,8 @@ def _off_limits(made: Recording, chain: ClosedChain) -> tuple[Recording, Array |
         at_end |= np.abs(made.tau) >= SATURATED * efforts
     if not at_end.any():
         return made, efforts
-    shares = 100.0 * at_end.mean(axis=0)
-    said = ", ".join(f"'{name}' {x:.2g} %" for name, x in zip(chain.joint_names(), shares, strict=True) if x)
+    pairs = zip(chain.joint_names(), 100.0 * at_end.mean(axis=0), strict=True)
+    said = ", ".join(f"'{name}' {share:.2g} %" for name, share in pairs if share)
     used = np.where(at_end, 0.0, 1.0 if made.used is None else made.used)
     return replace(made, used=used).with_notes(f"joints at a limit do not count: {said}"), efforts
 
