@@ -2,7 +2,7 @@
 
     python -m benchmarks.identification_bars [--seeds 100] [--motions 1000] [--rate 1000]
 
-Two Pandas hold a box for 10 s, along the most telling (D-optimal) of random motions within the rates of their joints.
+Two Pandas hold a box for 10 s, along the D-optimal motion within the limits of their joints (`next_motion`).
 Torques have 5 % of white noise, or noise of the same size that is half white and half slow. Estimated are payload,
 armature, damping, friction and offsets of all joints, from a guess of the box that is far off. Printed are the errors,
 relative to the Cramer-Rao bound of the same motion, the sizes that the bars limit, and how many of the 90 % regions
@@ -17,19 +17,18 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import chi2
 from scipy.stats import f as fisher
-from tests.identification.recorded import BOX, recorded, two_pandas
+from tests.identification.recorded import BOX, shared, two_pandas
 
 import holdfast as hf
 from holdfast.dynamics import inertial_parameters
-from holdfast.identification import Prior, Recording
-from holdfast.identification.machine.fit import _Point, machine_fit
+from holdfast.identification import Prior, Recording, next_motion
+from holdfast.identification.machine.fit import information_of, machine_fit
 from holdfast.identification.machine.identify_machine import Machine, machine_of
 from holdfast.identification.machine.log_cholesky import coordinates_of
 from holdfast.identification.machine.rows import MachineRows, machine_rows
@@ -44,7 +43,7 @@ DAMPING = np.array([1.0, 1.5, 1.0, 1.2, 0.6, 0.5, 0.4])  # N m s/rad
 OFFSET = np.array([0.2, -0.3, 0.1, 0.2, -0.1, 0.05, 0.0])  # N m
 GUESS = hf.HeldObject.box(1.5, 0.2, 0.2, 0.2)
 NOISE, DURATION, FULL_RATE = 0.05, 10.0, 1000.0
-CANDIDATES, COARSE = 30, 8.0  # motions that are tried; samples a second with which they are compared
+CANDIDATES, PARTS = 60, 5  # parts of motions that are tried, and chosen
 LEVEL, WITHIN = 0.9, (0.85, 0.95)
 SURE = 5.0
 
@@ -76,20 +75,6 @@ class Truth:
         return z
 
 
-def swing(random: np.random.Generator) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return a random motion of two sines for each coordinate of the object."""
-    f = 2.0 * np.pi * random.uniform(0.15, 0.9, (2, 6))
-    size = random.uniform(0.3, 1.0, (2, 6)) * np.r_[[0.25] * 3, [0.06] * 3]
-    phase = random.uniform(0.0, 2.0 * np.pi, (2, 6))
-
-    def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        x = f * t[:, None, None] + phase
-        parts = size * np.sin(x), size * f * np.cos(x), -size * f**2 * np.sin(x)
-        return tuple(part.sum(axis=1) for part in parts)  # pyright: ignore[reportReturnType]
-
-    return motion
-
-
 def equations_of(chain: hf.ClosedChain, given: Recording) -> tuple[MachineRows, MachineUnknowns]:
     """Return rows and unknowns of a model that has the guess of the box and no friction."""
     assert given.tau is not None
@@ -98,27 +83,22 @@ def equations_of(chain: hf.ClosedChain, given: Recording) -> tuple[MachineRows, 
     return machine_rows(model, [given], unknowns), unknowns
 
 
-def most_telling(chain: hf.ClosedChain, state: hf.State, truth: Truth) -> Callable:
-    """Return the motion with the largest determinant of the information, among those within the joints' limits."""
-    random, best, found = np.random.default_rng(0), -np.inf, None
-    rates = np.array([joint.rate_limit for joint in chain.all_joints])
-    low, high = chain.position_limits.T
-    for _ in range(CANDIDATES):
-        motion = swing(random)
-        given = recorded(chain, state, duration=DURATION, rate=COARSE, motion=motion)
-        assert given.qd is not None and given.tau is not None
-        inside = bool(((given.q > low) & (given.q < high) & (np.abs(given.qd) < rates)).all())
-        if not inside or not np.isfinite(given.tau).all():
-            continue
-        rows, unknowns = equations_of(chain, replace(given, tau=given.tau + truth.torques(given)))
-        z = truth.coordinates(unknowns)
-        noise = NOISE * np.sqrt((rows.y**2).mean(axis=0))
-        F = _Point(rows, unknowns, z, noise).information(np.ones(rows.b.shape))
-        told = float(np.linalg.slogdet(F * unknowns.spread * unknowns.spread[:, None])[1])
-        if told > best:
-            best, found = told, motion
-    assert found is not None
-    return found
+def telling(chain: hf.ClosedChain, state: hf.State, rate: float) -> Recording:
+    """Return the D-optimal motion of the arms with the guess of the box, with what the box itself needs as torques."""
+    model = replace(chain, held_object=GUESS)
+    given = next_motion(model, state, KINDS, duration=DURATION, rate=rate, tries=CANDIDATES, parts=PARTS)
+    return replace(given, tau=np.array([squeezed(chain, given, k) for k in range(len(given))]))
+
+
+def squeezed(chain: hf.ClosedChain, given: Recording, k: int) -> np.ndarray:
+    """Return the torques of a sample, with a squeeze of the box."""
+    assert given.qdd is not None and given.object_acceleration is not None
+    state, tips = given.state(k), {}
+    for name, grasp in chain.grasps.items():
+        pose = hf.dynamics.tip_pose(chain.arms[name], state.q[chain.joints[name]])
+        tips[name] = (pose.R, state.object_frame.R @ grasp.frame.p)
+    f = shared(chain, state.object_frame, state.object_twist[:3], given.object_acceleration[k], tips)
+    return hf.inverse_dynamics(chain, state, given.qdd[k], f)
 
 
 def noise_of(kind: str, samples: int, sizes: np.ndarray, average: int, random: np.random.Generator) -> np.ndarray:
@@ -136,10 +116,9 @@ def synthetic(seeds: int, rate: float) -> bool:
     """Print errors, bounds and coverage on the most telling motion; return whether the bars are met."""
     chain, state = two_pandas()
     truth, started = Truth(2), time.perf_counter()
-    motion = most_telling(chain, state, truth)
-    print(f"most telling of {CANDIDATES} motions found in {time.perf_counter() - started:.0f} s", flush=True)
-    given = recorded(chain, state, duration=DURATION, rate=rate, motion=motion)
+    given = telling(chain, state, rate)
     assert given.tau is not None
+    print(f"{PARTS} of {CANDIDATES} parts of a motion chosen in {time.perf_counter() - started:.0f} s", flush=True)
     given = replace(given, tau=given.tau + truth.torques(given))
     rows, unknowns = equations_of(chain, given)
     print(f"{len(rows.b)} samples, equations in {time.perf_counter() - started:.0f} s", flush=True)
@@ -147,7 +126,7 @@ def synthetic(seeds: int, rate: float) -> bool:
     sizes = NOISE * np.sqrt((rows.y**2).mean(axis=0))
     z = truth.coordinates(unknowns)
     right, slope = unknowns.plain(z)
-    F = _Point(rows, unknowns, z, sizes / np.sqrt(average)).information(np.ones(rows.b.shape))
+    F = information_of(rows, unknowns, z, sizes / np.sqrt(average))
     bound = np.sqrt(np.diag(slope @ np.linalg.inv(F) @ slope.T))
     groups = {
         "mass": np.array([0]),
@@ -179,6 +158,10 @@ def synthetic(seeds: int, rate: float) -> bool:
             size = relative(name, rms[of], right[of])
             if name == "friction":
                 size += f"; of its torque {100 * rubbed(given, errors, unknowns):.2f} %"
+                worst = of[int(np.argmax(rms[of] / np.abs(right[of])))]
+                joint = int(np.flatnonzero(unknowns.where(unknowns.kind_of[worst]) == worst)[0])
+                mean = sizes[joint] / np.sqrt(average * len(rows.y)) / np.abs(right[worst])
+                size += f" ({unknowns.names[worst]}, of which the mean of all noise is {100 * mean:.2f} %)"
             print(f"{name:10} {ratio:17.3f}   {100 * np.mean(inside):10.1f} %   {100 * np.mean(each):12.1f} %   {size}")
             met &= name == "inertia" or kind != "white" or ratio <= 1.15
             met &= all(WITHIN[0] <= float(np.mean(one)) <= WITHIN[1] for one in (inside, each))

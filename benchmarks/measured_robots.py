@@ -1,7 +1,8 @@
 """Models and identification against measured robots: `python benchmarks/measured_robots.py FOLDER [ROBOT ...]`.
 
-The folder has the logs of docs/measured_robots.md, which says where to get them. Each robot is one function, which
-prints its table and returns whether its bars are met.
+The folder has the logs of docs/measured_robots.md, which says where to get them; with `--convert SOURCE` they are made
+from the sources' own files, somewhere below SOURCE. Each robot is one function, which prints its table and returns
+whether its bars are met.
 """
 
 from __future__ import annotations
@@ -134,6 +135,52 @@ def gen3_motion(folder: Path) -> bool:
     return met
 
 
+EVERY = 4  # rows of the Panda's log, of which one is kept
+PANDA_SOURCES = {"t": "time", "q": "positions", "qd": "velocity", "tau": "torques"}  # exciting_traj_*.txt
+GEN3_SOURCES = {"q": "Position", "qd": "Velocity", "tau_sensor": "TorqueSm", "current": "Cur"}
+
+
+def source_file(source: Path, name: str) -> Path:
+    """Return the file of a name somewhere below a folder."""
+    found = sorted(source.rglob(name))
+    if not found:
+        raise SystemExit(f"{source}: expected {name} in it, got none; docs/measured_robots.md says where to get it")
+    return found[0]
+
+
+def convert_panda(source: Path, folder: Path) -> Path:
+    """Write the Panda's log: its files have one number a line, seven for each sample."""
+    read = {key: np.loadtxt(source_file(source, f"exciting_traj_{name}.txt")) for key, name in PANDA_SOURCES.items()}
+    samples = len(read["t"])
+    for key, values in read.items():
+        if key != "t" and values.size != 7 * samples:
+            raise SystemExit(f"{PANDA_SOURCES[key]}: expected 7 numbers for each of {samples} times, got {values.size}")
+    table = {"t": read.pop("t")} | {
+        f"{key}{k + 1}": values.reshape(samples, 7)[:, k] for key, values in read.items() for k in range(7)
+    }
+    return written(folder / "panda_excitation.csv", {name: column[::EVERY] for name, column in table.items()})
+
+
+def convert_gen3(source: Path, folder: Path) -> Path:
+    """Write the Gen3's log: a table with times in ms, sensors' torques and currents beside others."""
+    read = np.genfromtxt(source_file(source, "opti_traj_testing2.csv"), delimiter=",", names=True)
+    needed = ["Time", *(f"{name}{k}" for name in GEN3_SOURCES.values() for k in range(1, 8))]
+    if absent := [name for name in needed if name not in (read.dtype.names or ())]:
+        raise SystemExit(f"opti_traj_testing2.csv: expected columns {', '.join(absent)}, got {read.dtype.names}")
+    table = {"t": 1e-3 * read["Time"]} | {
+        f"{key}{k}": read[f"{name}{k}"] for key, name in GEN3_SOURCES.items() for k in range(1, 8)
+    }
+    return written(folder / "gen3_motion.csv", table)
+
+
+def written(path: Path, table: dict[str, np.ndarray]) -> Path:
+    """Write columns as a file, and return its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(path, np.column_stack(list(table.values())), "%.9g", ",", header=",".join(table), comments="")
+    return path
+
+
+CONVERTED: dict[str, Callable[[Path, Path], Path]] = {"panda": convert_panda, "gen3": convert_gen3}
 ROBOTS: dict[str, Callable[[Path], bool]] = {"panda": panda_excitation, "gen3": gen3_motion}
 
 
@@ -142,9 +189,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("robots", nargs="*", choices=[*ROBOTS, []], help="all by default")
+    parser.add_argument(
+        "--convert", type=Path, metavar="SOURCE", help="make the folder's files from those below SOURCE"
+    )
     given = parser.parse_args()
     met = []
     for name in given.robots or ROBOTS:
+        if given.convert is not None:
+            print(f"made {CONVERTED[name](given.convert, given.folder)}")
         print(f"== {name}: {(ROBOTS[name].__doc__ or '').strip()}")
         met.append(ROBOTS[name](given.folder))
     return 0 if all(met) else 1

@@ -238,3 +238,27 @@ def test_wrong_columns(part, change, said, chain, truth, tmp_path):
         return
     with pytest.raises(hf.errors.HoldfastError, match=said):
         load_recording(path, chain, columns=MAP | {"arms": arms})
+
+
+def test_joints_at_their_limits_do_not_count(tmp_path):
+    """Torques at the effort limit, and positions at the end of a range, also where they are filtered."""
+    joints = [
+        hf.Joint(axis=[0, 1, 0], position_limits=(-1.0, 1.0), effort_limit=5.0),
+        hf.Joint(placement=hf.Pose.translation(0, 0, 0.3)),
+    ]
+    chain = hf.ClosedChain({"arm": hf.Arm(joints, [hf.Link(1.0, [0, 0, 0.1], 0.01 * np.eye(3))] * 2)})
+    t = np.linspace(0.0, 4.0, 400)
+    q = np.column_stack([np.clip(1.2 * np.sin(3 * t), -1.0, 1.0), np.sin(2 * t)])
+    tau = np.column_stack([np.clip(7.0 * np.cos(2 * t), -5.0, 5.0), 9.0 * np.cos(t)])
+    columns = {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": tau[:, 0], "tau2": tau[:, 1]}
+    path = write_csv(tmp_path / "log.csv", columns)
+    given = {"arms": {"arm": {"position": {"columns": "q{1}"}, "torque": {"columns": "tau{1}"}}}}
+    plain = load_recording(path, chain, columns=given)
+    assert plain.used is None
+    found = load_recording(path, chain, columns=given | {"at_limits": "drop"})
+    assert found.used is not None
+    clipped = (np.abs(q[:, 0]) >= 0.998) | (np.abs(tau[:, 0]) >= 4.995)
+    assert clipped.tolist() == (found.used[:, 0] == 0.0).tolist()
+    assert found.used[:, 1].all() and "joints at a limit do not count: 'arm/joint1'" in found.notes[0]
+    smooth = load_recording(path, chain, columns=given | {"at_limits": "drop", "cutoff": 8.0})
+    assert smooth.used is not None and 0.0 < smooth.used[:, 0].mean() < found.used[:, 0].mean()

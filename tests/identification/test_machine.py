@@ -353,3 +353,35 @@ def test_faults_of_recordings_are_refused(fault, said):
     given = {"t": np.arange(20.0), "q": np.zeros((20, 7)), "tau": np.zeros((20, 7))}
     with pytest.raises(StateError, match=said):
         Recording(**(given | fault))
+
+
+@pytest.mark.slow
+def test_noise_of_positions_enters_deviations_also_where_that_of_torques_is_given():
+    """Encoders whose noise is most of what accelerations have: errors are as deviations say; they were 20 times these.
+
+    Squares of errors in units of deviations have the mean 1 if these are right, and were 580 for the last friction.
+    """
+    at = [hf.Pose.translation(0.0, 0.0, z) for z in (0.0, 0.4, 0.4)]
+    joints = [hf.Joint(axis=axis, placement=one, damping=0.3, friction=0.5)
+              for axis, one in zip(([0, 0, 1], [0, 1, 0]), at, strict=False)]  # fmt: skip
+    links = [hf.Link(2.0, [0.01, 0.0, 0.2], np.diag([0.03, 0.03, 0.005]))] * 2
+    box = hf.HeldObject(2.0, np.diag([0.02, 0.05, 0.04]), [0.02, 0.0, 0.03])
+    chain = hf.ClosedChain({"arm": hf.Arm(joints, links, at[2])}, box, {"arm": hf.Grasp("rigid", hf.Pose.identity())})
+    t = np.linspace(0.0, 4.0, 160)
+    x, size = np.array([2.0, 3.1]) * t[:, None] + [0.0, 1.0], 0.6
+    w = np.array([2.0, 3.1])
+    exact = Recording(t=t, q=size * np.sin(x), qd=size * w * np.cos(x), qdd=-size * w**2 * np.sin(x), tau=0.0 * x)
+    tau = -hf.identification.measurement_errors(chain, exact, "tau")
+    right = {f"arm/joint{k} {kind}": value for k in (1, 2) for kind, value in (("damping", 0.3), ("friction", 0.5))}
+    model = replace(chain, held_object=hf.HeldObject.box(1.0, 0.2, 0.2, 0.2))
+    squares = []
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        noisy = Recording(
+            t=t, q=exact.q + 1e-3 * random.normal(size=x.shape), tau=tau + 0.02 * random.normal(size=x.shape)
+        )
+        found = hf.identify(model, noisy, by="tau", unknowns=["payload", "damping", "friction"], noise=0.02)
+        of = [found.names.index(name) for name in right]
+        squares.append((found.values[of] - list(right.values())) ** 2 / np.diag(found.covariance)[of])
+        assert any("positions have noise of up to" in note for note in found.notes)
+    assert 0.1 < np.mean(squares) < 3.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -20,6 +21,7 @@ from holdfast.identification.recording import Recording
 from holdfast.io.files import make_folder, one_line
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.held_object import HeldObject
 from holdfast.scenario.build import Scenario
 from holdfast.view.identification_report import identification_page
 from holdfast.view.plots import write_figures
@@ -28,8 +30,10 @@ RecordingFiles = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg
 OtherRecording = Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")]
 SceneOfRecording = Annotated[Path, tyro.conf.arg(metavar="SCENE")]
 Deviations = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="KIND=DEVIATION")]
+KnownMasses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING=MASS[,X,Y,Z]")]
 PREFERRED = ("tau", "current", "wrist_wrench", "wrist_force")
 IDENTIFICATION_PAGE = "identification.html"
+DENSITY_OF_STEEL = 7850.0  # kg/m^3
 
 
 def identify(
@@ -38,6 +42,7 @@ def identify(
     by: Literal["tau", "current", "wrist_wrench", "wrist_force"] | None = None,
     unknowns: Names = (),
     prior: Deviations = (),
+    added: KnownMasses = (),
     held_out: OtherRecording = None,
     robust: Switch = False,
     out: Folder = None,
@@ -57,6 +62,8 @@ def identify(
             sensor_offset, sensor_scale, sensor_drift or time_offset; may be repeated; by default payload (if held) and
             friction or sensor offsets.
         prior: standard deviation of a kind of unknowns about the model, such as links=0.1; may be repeated.
+        added: a known mass [kg] that was fixed to the object in a recording, a ball of steel at x, y, z in object axes
+            [m], its origin by default, such as log2.csv=2.0; may be repeated.
         held_out: a recording that is not used, but predicted; by default the last third of each.
         robust: let samples that are far off count less.
         out: folder for figures and one HTML page.
@@ -76,8 +83,13 @@ def identify(
     refuse_standard(out)
     scenario = opened_scene(model, trust_xacro, changes, packages)
     files = recordings or _of_scene(scenario, model)
-    read = [load_recording(file, scenario.chain, columns=scenario.recording) for file in files]
-    later = None if held_out is None else load_recording(held_out, scenario.chain, columns=scenario.recording)
+    others = () if held_out is None else (held_out,)
+    weights = _added(added, (*files, *others))
+    whole = [
+        replace(load_recording(file, scenario.chain, columns=scenario.recording), added=weights.get(file))
+        for file in (*files, *others)
+    ]
+    read, later = whole[: len(files)], whole[len(files)] if others else None
     measured = by or next((one for one in PREFERRED if all(getattr(x, one) is not None for x in read)), None)
     if measured is None:
         raise SceneError(f"{files[0]}: expected torques, currents, or forces at wrists; got positions only")
@@ -112,6 +124,27 @@ def _usual(chain: ClosedChain, by: str) -> tuple[str, ...]:
         gains = ("drive_gain",) if by == "current" else ()
         return (*held, "damping", "friction", "friction_offset", *gains)
     return (*held, "sensor_offset")
+
+
+def _added(given: tuple[str, ...], files: tuple[Path, ...]) -> dict[Path, HeldObject]:
+    """Return the bodies in texts `recording=mass,x,y,z` by file, which may be named without its folder."""
+    found = dict[Path, HeldObject]()
+    for one in given:
+        name, _, value = one.rpartition("=")
+        named = [file for file in files if name in (str(file), file.name)]
+        if len(named) != 1:
+            known = [str(file) for file in files]
+            said = "is the name of several" if named else f"expected one of {', '.join(known)}"
+            raise SceneError(f"--added: '{one_line(name, 60)}': {said}.{checks.did_you_mean(name, known)}")
+        try:
+            mass, *place = map(float, value.split(","))
+        except ValueError as cause:
+            raise SceneError(f"--added: {name}: expected MASS or MASS,X,Y,Z, got '{one_line(value, 60)}'") from cause
+        if len(place) not in (0, 3):
+            raise SceneError(f"--added: {name}: expected MASS or MASS,X,Y,Z, got {1 + len(place)} numbers")
+        ball = HeldObject.sphere(mass, float(np.cbrt(mass / (4.0 / 3.0 * np.pi * DENSITY_OF_STEEL))))
+        found[named[0]] = replace(ball, com=place or np.zeros(3))
+    return found
 
 
 def _prior(given: tuple[str, ...]) -> Prior:

@@ -7,6 +7,7 @@ from .identification import Identification as Identification
 from .load_recording import load_recording as load_recording
 from .machine.identify_machine import measurement_errors as measurement_errors
 from .machine.prior import Prior as Prior
+from .next_motion import next_motion as next_motion
 from .recording import Recording as Recording
 from .signals import SignalReport as SignalReport
 from .signals import prepared as prepared

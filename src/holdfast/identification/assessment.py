@@ -56,6 +56,11 @@ class Assessment(Frozen):
     held_out: Array | None
     criteria: tuple[str, ...]
 
+    @property
+    def measured_rms(self) -> Array:
+        """The root mean squares of what was measured, (channels,)."""
+        return _rms(np.concatenate(self.measured))
+
     def __repr__(self) -> str:
         """Return how many criteria are not met."""
         return f"<Assessment of {self.found!r}: {'bad' if self.criteria else 'good'}>"
@@ -64,7 +69,7 @@ class Assessment(Frozen):
         """Return the values, residuals by channel, and the criteria by which the fit is bad."""
         width, later = max(map(len, self.channels)), self.held_out
         lines = [str(self.found), f"residuals [{UNIT_OF[self.by]} rms]: measured, left by the fit, held out"]
-        whole = _rms(np.concatenate(self.measured))
+        whole = self.measured_rms
         for k, name in enumerate(self.channels):
             held = "" if later is None else f"  {later[k]:>9.4g}"
             lines.append(f"{name:<{width}}  {whole[k]:>9.4g}  {self.fitted[k]:>9.4g}{held}")

@@ -22,7 +22,7 @@ from holdfast.identification.load_recording import recording_of
 from holdfast.identification.machine.identify_machine import Machine, identify_machine, without_object
 from holdfast.identification.machine.prior import Prior
 from holdfast.identification.machine.unknowns import KINDS, required_kinds
-from holdfast.identification.motion_noise import motion_noise
+from holdfast.identification.motion_noise import payload_noise
 from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
 from holdfast.identification.recording import Recording
 from holdfast.io.result_reader import Result
@@ -63,8 +63,8 @@ def identify(
     the covariance. O(samples n), with torques O(samples n^3).
 
     With `unknowns`, whatever is named is estimated together, with the model's values as its prior, whose deviations are
-    those of `prior`: what the recordings do not tell stays there. The arms may hold nothing then. Noise of smoothed
-    positions does not enter their deviations; noise that depends on its past does.
+    those of `prior`: what the recordings do not tell stays there. The arms may hold nothing then. Noise that depends on
+    its past enters their deviations.
 
     Args:
         chain: model of arms, grasps and object.
@@ -126,7 +126,7 @@ def identify(
         raise StateError(
             f"identify: expected {2 * p} rows or more for {p} unknowns, got {rows} of {len(system.rows)} samples"
         )
-    motion = motion_noise(chain, moving, settings, system)
+    motion = payload_noise(chain, moving, settings, system)
     found = estimate(system, sought, kinds, _given_noise(noise, chain, by), largest, motion)
     notes = [*notes_on_estimate(found, motion, system, noise is not None), *notes_on_grasps(chain, whole, frames)]
     notes += notes_on_motion(given)

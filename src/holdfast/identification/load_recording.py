@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from holdfast.errors import ResultError
 from holdfast.identification.machine.identify_machine import without_object
 from holdfast.identification.recording import FREE_BODIES, Recording
-from holdfast.identification.signals import prepared
+from holdfast.identification.signals import SATURATED, prepared
 from holdfast.io.columns import NO_UNIT, array_columns
 from holdfast.io.files import file_path, one_line, reason_of
 from holdfast.io.recording_table import ArmColumnsTable, ColumnsTable, RecordingTable
@@ -178,10 +179,27 @@ def _of_map(table: NamedColumns, chain: ClosedChain, given: RecordingTable, inpu
         found["used"] = (np.nan_to_num(counted) != 0.0).astype(float)
     notes += _notes_on_times(given.time, t[kept])
     made = Recording(t[kept], **found, inputs=inputs, notes=tuple(notes))
+    made, efforts = _off_limits(made, chain) if given.at_limits == "drop" else (made, None)
     if given.cutoff is None:
         return made
-    ready, report = prepared(made, given.cutoff, standstill=given.standstill)
+    ready, report = prepared(made, given.cutoff, limits=efforts, standstill=given.standstill)
     return ready.with_notes(*str(report).splitlines())
+
+
+def _off_limits(made: Recording, chain: ClosedChain) -> tuple[Recording, Array | None]:
+    """Return a recording in which joints at their limits do not count, and the effort limits of measured torques."""
+    low, high = chain.position_limits.T
+    near = (1.0 - SATURATED) * np.where(np.isfinite(high - low), high - low, 0.0)
+    at_end, efforts = (made.q <= low + near) | (made.q >= high - near), None
+    if made.tau is not None:
+        efforts = np.minimum([joint.effort_limit for joint in chain.freedoms], np.finfo(float).max)
+        at_end |= np.abs(made.tau) >= SATURATED * efforts
+    if not at_end.any():
+        return made, efforts
+    pairs = zip(chain.joint_names(), 100.0 * at_end.mean(axis=0), strict=True)
+    said = ", ".join(f"'{name}' {share:.2g} %" for name, share in pairs if share)
+    used = np.where(at_end, 0.0, 1.0 if made.used is None else made.used)
+    return replace(made, used=used).with_notes(f"joints at a limit do not count: {said}"), efforts
 
 
 def _joint_arrays(

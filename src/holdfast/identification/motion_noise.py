@@ -7,6 +7,7 @@ smooth. As errors of the measurements (H instead of G), they do not depend on th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,7 +40,8 @@ class JointNoise:
             Without dry friction, which changes too fast where a joint turns back.
         nodes: (nodes,) times at which these are known.
         t: (samples,) times.
-        rubbing: (samples, k, channels) derivatives of the dry friction by the k errors.
+        rubbing: (samples, k, channels) derivatives of a dry friction of unit size by the k errors.
+        friction: (features,) by which the features give the size of the joint's dry friction.
     """
 
     spline: Spline
@@ -50,6 +52,7 @@ class JointNoise:
     nodes: Array
     t: Array
     rubbing: Array
+    friction: Array
 
     def spread(self, maps: Array, features: Array) -> Array:
         """Return (samples, r, r), the covariance of the residuals."""
@@ -64,45 +67,67 @@ class JointNoise:
         return self.spline.covariance(np.sum(weights, axis=0))
 
     def _of_rows(self, maps: Array, features: Array) -> Array:
-        H = _at_all(self.nodes, self.sensitivities @ features, self.t) + self.rubbing
+        H = _at_all(self.nodes, self.sensitivities @ features, self.t) + self.rubbing * float(self.friction @ features)
         return np.einsum("src,sac->sra", maps[self.samples], H)
 
 
 def motion_noise(
-    chain: ClosedChain, recordings: list[tuple[Recording, list[Smoothed]]], settings: Settings, system: Equations
+    recordings: list[tuple[Recording, list[Smoothed]]],
+    kept: list[Array],
+    as_channels: Callable[[Recording], Array],
+    friction: Array,
 ) -> list[JointNoise]:
     """Return the errors of all joints whose positions (or rates) are not exact.
 
     The cost is that of the equations of at most 400 samples, three times for each joint.
 
     Args:
-        chain: the recorded chain.
         recordings: recordings with joint rates and accelerations, and what was smoothed to find these.
-        settings: what is to be found.
-        system: the equations of these recordings.
+        kept: by recording, which samples the equations have.
+        as_channels: returns (samples, channels, features) of a recording, the rows without dry friction as errors of
+            the measurements in their place.
+        friction: (n, features) by which the features give the sizes of the joints' dry friction; 0 if it does not
+            enter.
     """
     found, first = [], 0
-    for (recording, smoothed), kept in zip(recordings, system.kept, strict=True):
-        samples = slice(first, first + int(kept.sum()))
+    for (recording, smoothed), those in zip(recordings, kept, strict=True):
+        samples = slice(first, first + int(those.sum()))
         first = samples.stop
-        nodes = _nodes(recording, kept)
+        if not any(spline.noise for one in smoothed for spline in one.splines):
+            continue
+        nodes = _nodes(recording, those)
         part = recording.part(nodes)
-        at_nodes = _as_channels(chain, part, settings)
+        at_nodes = as_channels(part)
         for one in smoothed:
             for joint, spline in enumerate(one.splines):
                 if not spline.noise:
                     continue
-                moved = [_as_channels(chain, _moved(part, name, joint), settings) for name in one.names]
+                moved = [as_channels(_moved(part, name, joint)) for name in one.names]
                 H = np.stack([(x - at_nodes) / DIFFERENCE for x in moved], axis=1)
-                t = recording.t[kept]
-                evaluations = [E[np.flatnonzero(kept)] for E in spline.evaluations[: len(one.names)]]
+                t = recording.t[those]
+                evaluations = [E[np.flatnonzero(those)] for E in spline.evaluations[: len(one.names)]]
                 C = _at_all(recording.t[nodes], _covariances(spline, len(one.names), nodes), t, smooth=False)
-                rubbing = np.zeros((len(t), len(one.names), system.maps.shape[2]))
-                if settings.source == "tau" and "qd" in one.names and recording.qd is not None:
-                    slopes = friction_slope(joint_friction(chain)[joint : joint + 1], recording.qd[kept, joint][None])
+                rubbing = np.zeros((len(t), len(one.names), at_nodes.shape[1]))
+                if friction[joint].any() and "qd" in one.names and recording.qd is not None:
+                    slopes = friction_slope(np.ones(1), recording.qd[those, joint][None])
                     rubbing[:, one.names.index("qd"), joint] = slopes[0]
-                found.append(JointNoise(spline, samples, evaluations, C, H, recording.t[nodes], t, rubbing))
+                rest = (C, H, recording.t[nodes], t, rubbing, friction[joint])
+                found.append(JointNoise(spline, samples, evaluations, *rest))
     return found
+
+
+def payload_noise(
+    chain: ClosedChain, recordings: list[tuple[Recording, list[Smoothed]]], settings: Settings, system: Equations
+) -> list[JointNoise]:
+    """Return the errors of all joints in the equations of a payload."""
+    friction = np.zeros((chain.joint_count, system.rows.shape[2]))
+    if settings.source == "tau":
+        friction[:, _known(settings)] = joint_friction(chain)
+
+    def as_channels(recording: Recording) -> Array:
+        return _as_channels(chain, recording, settings)
+
+    return motion_noise(recordings, system.kept, as_channels, friction)
 
 
 def _nodes(recording: Recording, kept: Array) -> Array:
@@ -124,13 +149,18 @@ def _moved(recording: Recording, name: str, joint: int) -> Recording:
     return replace(recording, **{name: x})
 
 
+def _known(settings: Settings) -> int:
+    """Return the feature of what is known."""
+    return -4 if settings.gravity else -1
+
+
 def _as_channels(chain: ClosedChain, recording: Recording, settings: Settings) -> Array:
-    """Return (samples, channels, features), rows without dry friction as errors of the measurements in their place."""
+    """Return (samples, channels, features) of the equations of a payload, without dry friction."""
     found = []
     for k, (rows, maps, _) in enumerate(rows_of_samples(chain, completed(chain, recording), settings)):
         smooth = rows.copy()
         if settings.source == "tau" and recording.qd is not None:
-            smooth[:, -4 if settings.gravity else -1] -= maps @ friction_torque(joint_friction(chain), recording.qd[k])
+            smooth[:, _known(settings)] -= maps @ friction_torque(joint_friction(chain), recording.qd[k])
         found.append(np.linalg.pinv(maps) @ smooth)
     return np.array(found)
 

@@ -54,14 +54,18 @@ def notes_on_estimate(found: Estimate, motion: list[JointNoise], system: Equatio
         )
         notes.append(f"residuals of neighbouring samples are correlated ({after.of_neighbours:.2f}): {widened}")
     if found.motion_share > SEEN:
-        largest = max(one.spline.noise for one in motion)
-        notes.append(
-            f"positions have noise of up to {largest:.2g} (rad or m); rates and accelerations are those of smoothing"
-            " splines, and deviations include their errors"
-        )
+        notes.append(note_on_positions(motion))
     if system.left_out:
         notes.append(f"{system.left_out} samples at singular configurations were left out")
     return notes
+
+
+def note_on_positions(motion: list[JointNoise]) -> str:
+    """Return a remark on the noise of positions."""
+    return (
+        f"positions have noise of up to {max(one.spline.noise for one in motion):.2g} (rad or m); rates and"
+        " accelerations are those of smoothing splines, and deviations include their errors"
+    )
 
 
 def notes_on_motion(recordings: list[Recording]) -> list[str]:

@@ -18,14 +18,17 @@ from holdfast.identification.machine.rows import MachineRows
 from holdfast.identification.machine.unknowns import MachineUnknowns
 from holdfast.identification.recording import Recording
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.joint_friction import friction_torque
 from holdfast.spatial.scalar import Array
 
 DEGREES = 180.0 / np.pi
 BEYOND_LIMITS = 0.2  # rad beyond a joint's limits, or a turn, from which positions are hardly radians
 SAME_SIGNAL, ANOTHER_SIGNAL = 0.9, 0.5  # correlations of columns that are the same, and of those that are not
+FAR_LESS_LIKE, EXACT_RATES = 10.0, 1e-4  # ratio of 1 - correlation^2 of two columns with a signal; least such size
 TIMES = 5.0  # ratio of sizes above which units differ
 RATE_ERROR = 0.2  # relative error of a ratio of rates that is one by mistaken units or signs
 LARGEST_TURN = 4.0 * np.pi  # largest position of a joint without limits that is expected
+SURE_OF_RATIO, WELL_CONDITIONED = 0.05, 1e3  # relative deviation of a ratio of torques, and its equations
 RATE_UNITS = {
     DEGREES: "qd of '{}' is in degrees per second",
     30.0 / np.pi: "qd of '{}' is in revolutions per minute",
@@ -71,7 +74,8 @@ def suspicions(
     ]
     if needed.shape != y.shape:
         return found or _guesses(names, recordings, unknowns, needs)
-    torques = _of_torques(names, by, y, needed)
+    rates = np.concatenate([np.asarray(one.qd) for one in recordings])
+    torques = _of_torques(names, by, y, needed, rates if len(rates) == len(y) else None)
     return found + torques if found or torques else _guesses(names, recordings, unknowns, needs)
 
 
@@ -127,8 +131,9 @@ def _of_rates(names: list[str], recordings: Sequence[Recording]) -> list[str]:
                 : len(both), len(both) :
             ]
         for j in both.tolist():
-            if abs(R[j, j]) < ANOTHER_SIGNAL and abs(R[j]).max() > SAME_SIGNAL:
-                k = int(np.argmax(np.abs(R[j])))
+            k, unlike = int(np.argmax(np.abs(R[j]))), 1.0 - R[j] ** 2
+            far = abs(R[j, j]) < ANOTHER_SIGNAL or unlike[j] > FAR_LESS_LIKE * max(unlike[k], EXACT_RATES)
+            if k != j and abs(R[j, k]) > SAME_SIGNAL and far:
                 found.append(f"qd of '{names[j]}' is the rate of '{names[k]}'; most likely columns are swapped")
             if abs(R[j, j]) < SAME_SIGNAL:
                 continue
@@ -145,7 +150,7 @@ def _of_rates(names: list[str], recordings: Sequence[Recording]) -> list[str]:
     return found
 
 
-def _of_torques(names: list[str], by: str, y: Array, needed: Array) -> list[str]:
+def _of_torques(names: list[str], by: str, y: Array, needed: Array, rates: Array | None) -> list[str]:
     """Return what is wrong with torques or currents, by what the model needs."""
     found, varying, moved = list[str](), y.std(axis=0), needed.std(axis=0)
     told = (varying > 0.0) & (moved > 0.01 * moved.max())
@@ -161,10 +166,26 @@ def _of_torques(names: list[str], by: str, y: Array, needed: Array) -> list[str]
                 found.append(f"{by} of '{names[j]}' and '{names[k]}' are most likely swapped")
         if R[j, j] < -SAME_SIGNAL:
             found.append(f"{by} of '{names[j]}' has most likely the opposite sign")
-        ratio = float(varying[j] / moved[j])
-        if by == "tau" and R[j, j] > SAME_SIGNAL and not 1.0 / TIMES < ratio < TIMES:
+        if by != "tau":
+            continue
+        ratio, sure = float(varying[j] / moved[j]), bool(R[j, j] > SAME_SIGNAL)
+        if rates is not None and (beside := _beside_friction(y[:, j], needed[:, j], rates[:, j])) is not None:
+            ratio, sure = beside, beside > 0.0
+        if sure and not 1.0 / TIMES < ratio < TIMES:
             found.append(f"tau of '{names[j]}' is {ratio:.2g} times what the model needs; most likely it is not in N m")
     return found
+
+
+def _beside_friction(y: Array, needed: Array, rate: Array) -> float | None:
+    """Return how many times what a model needs a torque is, beside damping, friction and an offset; None if unsure."""
+    A = np.column_stack([needed, rate, friction_torque(np.ones(len(rate)), rate), np.ones(len(rate))])
+    sizes = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    if len(y) <= 2 * A.shape[1] or np.linalg.cond(A / sizes) > WELL_CONDITIONED:
+        return None
+    c = np.linalg.lstsq(A / sizes, y, rcond=None)[0] / sizes
+    left = y - A @ c
+    variance = float(left @ left) / (len(y) - A.shape[1]) * np.linalg.inv((A / sizes).T @ (A / sizes))[0, 0]
+    return float(c[0]) if np.sqrt(variance) / sizes[0] < SURE_OF_RATIO * abs(c[0]) else None
 
 
 def _needed(rows: MachineRows, unknowns: MachineUnknowns) -> tuple[Array, Array]:

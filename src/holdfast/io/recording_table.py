@@ -39,8 +39,9 @@ class RecordingTable(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """How a recording is read: its time, the columns of every arm, what of it is used, and how it is filtered.
 
     Rows whose `valid` column is 0 are left out, and those outside of `begin` to `end` after the first stamp. Rows with
-    missing positions or repeated stamps are refused, or left out; with "drop", missing measurements do not count. A
-    `cutoff` filters as `identification.prepared` does.
+    missing positions or repeated stamps are refused, or left out; with "drop", missing measurements do not count. With
+    `at_limits` "drop", a joint does not count where its torque is at its effort limit or its position at the end of its
+    range. A `cutoff` filters as `identification.prepared` does.
     """
 
     arms: dict[str, ArmColumnsTable]
@@ -51,5 +52,6 @@ class RecordingTable(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     begin: float | None = None
     end: float | None = None
     bad_rows: Literal["refuse", "drop"] = "refuse"
+    at_limits: Literal["use", "drop"] = "use"
     cutoff: float | None = None
     standstill: float = 0.0

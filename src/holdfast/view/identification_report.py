@@ -46,7 +46,7 @@ def identification_page(found: Assessment, path: str | PathLike[str], title: str
         ResultError: the file cannot be written.
     """
     figures, made = identification_figures(found), found.found
-    whole, later = _rms(found.measured), found.held_out
+    whole, later = found.measured_rms, found.held_out
     residuals = [
         [name, f"{whole[k]:.4g}", f"{found.fitted[k]:.4g}", "" if later is None else f"{later[k]:.4g}"]
         for k, name in enumerate(found.channels)
@@ -214,8 +214,3 @@ def _parameters(found: Assessment) -> Any:
         panel.set_xlabel("change, in standard deviations of the prior")
         figure.legend(loc="outside upper left", ncols=1)
     return figure
-
-
-def _rms(parts: Any) -> Array:
-    """Return root mean squares by channel."""
-    return np.sqrt((np.concatenate(parts) ** 2).mean(axis=0))

@@ -10,11 +10,13 @@ With F = J^T J of the whitened rows and the prior's information L, an estimate h
 
     cov = (F + L)^-1 (M + L) (F + L)^-1
 
-where M is F for white noise, and as in `coloured_noise` for the residuals that were found.
+where M is F for white noise, and as in `coloured_noise` for the residuals that were found. Errors of smoothed positions
+are a part of W and M of their own (`motion_noise`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,10 +27,11 @@ from scipy.stats import norm as normal
 from scipy.stats import t as student
 
 from holdfast.identification.estimate import huber_weights
-from holdfast.identification.free_fit import channel_sizes, estimated, least_noise, whitener
+from holdfast.identification.free_fit import channel_sizes, estimated, least_noise, white_noise, whitener
 from holdfast.identification.machine.coloured_noise import Autoregression, autoregressions
 from holdfast.identification.machine.rows import MachineRows
 from holdfast.identification.machine.unknowns import MachineUnknowns
+from holdfast.identification.motion_noise import JointNoise
 from holdfast.spatial.scalar import Array
 
 NOT_USED = 1e4  # factor of the noise of measurements that do not count
@@ -56,6 +59,7 @@ class MachineFit:
         settled: whether weights and estimate converged.
         outliers: share of the rows whose weight Huber's loss reduces.
         freedoms: degrees of freedom from which the noise of a channel was estimated; infinite if it was given.
+        motion_share: part of the whitened residuals' variance that the noise of positions explains.
     """
 
     z: Array
@@ -70,6 +74,7 @@ class MachineFit:
     settled: bool
     outliers: float
     freedoms: float
+    motion_share: float
 
     def widened(self, chance: float) -> float:
         """Return how much wider intervals are than normal ones, as the noise is an estimate itself (Student 1908).
@@ -81,7 +86,13 @@ class MachineFit:
 
 
 def machine_fit(
-    rows: MachineRows, unknowns: MachineUnknowns, kinds: Array, given: Array | None, huber: bool, coloured: bool = True
+    rows: MachineRows,
+    unknowns: MachineUnknowns,
+    kinds: Array,
+    given: Array | None,
+    huber: bool,
+    coloured: bool = True,
+    motion: Sequence[JointNoise] = (),
 ) -> MachineFit:
     """Return the estimate. O(samples r p^2) for each round.
 
@@ -92,19 +103,22 @@ def machine_fit(
         given: (channels,) standard deviations of the noise; None to estimate them.
         huber: whether large residuals count by their size instead of their square.
         coloured: whether the covariance is that of noise that depends on its past.
+        motion: the errors of smoothed positions.
     """
     sizes = channel_sizes(rows.y, kinds)
     least = least_noise(rows.y, sizes)
+    if motion:
+        least = np.maximum(least, white_noise(rows.y, kinds, motion))
     noise = np.maximum(FIRST_NOISE * sizes, least) if given is None else given
     z, settled = unknowns.start.copy(), False
     z = np.maximum(z, unknowns.lowest)
     information = np.eye(len(z))
     weights = np.ones(rows.b.shape)
-    at = _Point(rows, unknowns, z, noise)
+    at = _Point(rows, unknowns, z, noise, motion)
     for count in range(MOST_REFITS):
         z = _minimum(at, weights)
         before = noise
-        at = _Point(rows, unknowns, z, noise)
+        at = _Point(rows, unknowns, z, noise, motion)
         information = at.information(weights)
         if given is None:
             noise = np.maximum(_noise(at, kinds, sizes, information, huber), least)
@@ -113,7 +127,7 @@ def machine_fit(
         if huber:
             e = np.abs(at.whitened)
             weights = np.sqrt(huber_weights(e))
-        at = _Point(rows, unknowns, z, noise)
+        at = _Point(rows, unknowns, z, noise, motion)
         same = float(np.abs(noise / before - 1.0).max()) < NOISE_SETTLED and float(np.abs(weights - old).max()) < 1e-2
         if same and (count or not at.bilinear):
             settled = True
@@ -140,6 +154,7 @@ def machine_fit(
         settled=settled,
         outliers=float((weights < 1.0).mean()),
         freedoms=np.inf if given is not None else max((at.counted - spent) / len(noise) / repetition, 1.0),
+        motion_share=0.0 if at.share is None else float(np.einsum("srr->", at.share)) / rows.b.size,
     )
 
 
@@ -165,18 +180,31 @@ def errors_at(rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Arr
     return _Point(rows, unknowns, z, noise).errors
 
 
-class _Point:
-    """The whitened rows and their derivatives at coordinates z, for a noise of the channels."""
+def information_of(rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Array) -> Array:
+    """Return the information F of rows about coordinates z, (p, p), for noise of the channels."""
+    return _Point(rows, unknowns, z, noise).information(np.ones(rows.b.shape))
 
-    def __init__(self, rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Array) -> None:
-        self.rows, self.unknowns, self.z, self.noise = rows, unknowns, z, noise
+
+class _Point:
+    """The whitened rows and their derivatives at coordinates z, for a noise of the channels and of positions."""
+
+    def __init__(
+        self, rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Array, motion: Sequence[JointNoise] = ()
+    ) -> None:
+        self.rows, self.unknowns, self.z, self.noise, self.motion = rows, unknowns, z, noise, motion
         self.gain, delay = unknowns.gain(z, rows.y.shape[1]), unknowns.delay(z)
         self.bilinear = unknowns.linear < len(z)
         y = _shifted(rows, delay) if delay else rows.y
         self.maps = rows.P * self.gain
         deviations = noise * np.where(rows.used, 1.0, NOT_USED)
-        self.W = whitener(self.maps * (deviations / noise)[:, None, :], noise, None)
         self.x, self.slopes = unknowns.x(z)
+        self.features, spread = np.append(self.x, 1.0), None
+        if motion:
+            spread = np.zeros((*rows.b.shape, rows.b.shape[1]))
+            for one in motion:
+                spread[one.samples] += one.spread(rows.P, self.features)
+        self.W = whitener(self.maps * (deviations / noise)[:, None, :], noise, spread)
+        self.share = None if spread is None else self.W @ spread @ self.W.transpose(0, 2, 1)
         self.residuals = rows.A @ self.x + rows.b - (self.maps @ y[:, :, None])[:, :, 0]
         self.whitened = (self.W @ self.residuals[:, :, None])[:, :, 0]
         lifted = self.W @ self.maps  # (samples, r, channels)
@@ -224,9 +252,15 @@ class _Point:
             known=self.unknowns.spread**-2.0,
             parts=parts,
         )
-        if not coloured or all(len(one.a) == 1 for one in processes):
-            return self.information(weights, around), processes, 1.0
         M = np.zeros((len(self.z), len(self.z)))
+        if self.motion:
+            raw = np.swapaxes(self.W, 1, 2) @ (self.columns * (weights**2)[:, :, None]) @ T
+            for one in self.motion:
+                M += one.score(self.rows.P, self.features, raw)
+        if not coloured or all(len(one.a) == 1 for one in processes):
+            if not self.motion:
+                return self.information(weights, around), processes, 1.0
+            return M + np.einsum("scj,sck->jk", of_errors, of_errors), processes, 1.0
         for c, process in enumerate(processes):
             for part in parts:
                 filtered = process.filtered(of_errors[part, c])
@@ -299,7 +333,7 @@ def _noise(at: _Point, kinds: Array, sizes: Array, information: Array, huber: bo
         found = [OF_MEDIAN * float(np.median(errors[:, kinds == k][used[:, kinds == k]])) for k in kinds]
         return few * np.array(found)
     if used.all():
-        return few * estimated(at.lifted, at.whitened, kinds, sizes, None)
+        return few * estimated(at.lifted, at.whitened, kinds, sizes, at.share)
     return few * np.array([_pooled(at.errors, shares, (kinds == k) & used) for k in kinds])
 
 

@@ -17,9 +17,16 @@ from holdfast.identification.equations import plain_body
 from holdfast.identification.machine.fit import MachineFit, errors_at, machine_fit, with_prior
 from holdfast.identification.machine.log_cholesky import body_at
 from holdfast.identification.machine.prior import Prior
-from holdfast.identification.machine.rows import MachineRows, channels, machine_rows
+from holdfast.identification.machine.rows import (
+    MachineRows,
+    channels,
+    errors_without_friction,
+    friction_of_features,
+    machine_rows,
+)
 from holdfast.identification.machine.unknowns import GAINS, KINDS, ON_JOINTS, MachineUnknowns, machine_unknowns
-from holdfast.identification.notes import notes_on_grasps
+from holdfast.identification.motion_noise import motion_noise
+from holdfast.identification.notes import SEEN, note_on_positions, notes_on_grasps
 from holdfast.identification.recording import Recording
 from holdfast.identification.suspicions import suspicions
 from holdfast.model import checks
@@ -80,8 +87,12 @@ def without_object(chain: ClosedChain) -> ClosedChain:
 
 def moving(chain: ClosedChain, recordings: Sequence[Recording]) -> list[Recording]:
     """Return recordings with rates and accelerations, and the object's motion if it is held."""
-    found = [differentiated(one)[0] for one in recordings]
-    return [completed(chain, one) if chain.grasps else one for one in found]
+    return [_with_object(chain, differentiated(one)[0]) for one in recordings]
+
+
+def _with_object(chain: ClosedChain, one: Recording) -> Recording:
+    """Return a recording with rates and accelerations, with the object's motion if it is held."""
+    return completed(chain, one) if chain.grasps else one
 
 
 def identify_machine(
@@ -95,7 +106,8 @@ def identify_machine(
     huber: bool,
 ) -> Machine:
     """Return what recordings tell of a machine; see `identify`."""
-    whole = moving(chain, recordings)
+    smoothed = [differentiated(one) for one in recordings]
+    whole = [_with_object(chain, one) for one, _ in smoothed]
     y = np.concatenate([channels(chain, one, by) for one in whole])
     duration = max(float(one.t[-1] - one.t[0]) for one in whole)
     ones = np.ones(y.shape[1])
@@ -109,8 +121,17 @@ def identify_machine(
             f"identify: expected 8 samples or more, and {len(unknowns.names) // 2} rows for "
             f"{len(unknowns.names)} unknowns, got {len(rows.b)} samples and {rows.b.size} rows"
         )
-    fit = machine_fit(rows, unknowns, channel_kinds(chain, by), noise, huber)
+    gain = unknowns.gain(unknowns.start, y.shape[1])
+
+    def as_channels(one: Recording) -> Array:
+        return errors_without_friction(chain, _with_object(chain, one), unknowns, gain)
+
+    motion = motion_noise(smoothed, rows.kept, as_channels, friction_of_features(unknowns, chain.joint_count))
+    fit = machine_fit(rows, unknowns, channel_kinds(chain, by), noise, huber, motion=motion)
     found = machine_of(chain, unknowns, rows, fit, largest)
+    notes = found.notes
+    if fit.motion_share > SEEN:
+        notes = (*notes, note_on_positions(motion))
 
     def needs(given: Sequence[Recording]) -> MachineRows:
         return machine_rows(chain, moving(chain, given), unknowns)
@@ -118,7 +139,7 @@ def identify_machine(
     apart = notes_on_grasps(chain, whole, {}) if chain.grasps else []
     doubts = (*suspicions(chain, whole, unknowns, rows, needs), *apart)
     of_files = [note for one in recordings for note in one.notes]
-    return replace(found, suspicions=doubts, notes=(*doubts, *of_files, *found.notes))
+    return replace(found, suspicions=doubts, notes=(*doubts, *of_files, *notes))
 
 
 def channel_kinds(chain: ClosedChain, by: str) -> Array:

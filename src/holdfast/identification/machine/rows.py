@@ -43,7 +43,7 @@ class MachineRows:
         used: (samples, channels) which of these count.
         t: (samples,) times.
         parts: the samples of each recording.
-        left_out: number of samples that are left out, as their configuration is singular.
+        kept: by recording, which of its samples these are; the others are left out, as their configuration is singular.
     """
 
     A: Array
@@ -53,7 +53,12 @@ class MachineRows:
     used: Array
     t: Array
     parts: list[slice]
-    left_out: int = 0
+    kept: list[Array]
+
+    @property
+    def left_out(self) -> int:
+        """The number of samples that are left out."""
+        return sum(int((~one).sum()) for one in self.kept)
 
 
 def machine_rows(chain: ClosedChain, recordings: list[Recording], unknowns: MachineUnknowns) -> MachineRows:
@@ -62,7 +67,8 @@ def machine_rows(chain: ClosedChain, recordings: list[Recording], unknowns: Mach
     found = [[of_sample(chain, one, k, unknowns) for k in range(len(one))] for one in recordings]
     counts = [len(b) for part in found for _, b, _ in part]
     usual = max(set(counts), key=counts.count)
-    keep = [[k for k, (_, b, _) in enumerate(part) if len(b) == usual] for part in found]
+    kept = [np.array([len(b) == usual for _, b, _ in part]) for part in found]
+    keep = [np.flatnonzero(one).tolist() for one in kept]
     A, b, P = (np.array([part[k][i] for part, ks in zip(found, keep, strict=True) for k in ks]) for i in range(3))
     y = np.concatenate([channels(chain, one, unknowns.by)[ks] for one, ks in zip(recordings, keep, strict=True)])
     used = np.ones(y.shape, bool)
@@ -72,7 +78,35 @@ def machine_rows(chain: ClosedChain, recordings: list[Recording], unknowns: Mach
     t = np.concatenate([one.t[ks] for one, ks in zip(recordings, keep, strict=True)])
     ends = np.cumsum([0, *map(len, keep)]).tolist()
     parts = [slice(*ends) for ends in pairwise(ends) if ends[1] > ends[0]]
-    return MachineRows(A, b, P, y, used, t, parts, len(counts) - ends[-1])
+    return MachineRows(A, b, P, y, used, t, parts, kept)
+
+
+def errors_without_friction(chain: ClosedChain, recording: Recording, unknowns: MachineUnknowns, gain: Array) -> Array:
+    """Return (samples, channels, features), rows [A, b - P gain y] without dry friction in place of measurements."""
+    of_sample = torque_rows if unknowns.by in ("tau", "current") else wrist_rows
+    measured, model, found = gain * channels(chain, recording, unknowns.by), unknowns.model_joints["friction"], []
+    rubs = unknowns.where("friction")
+    for k in range(len(recording)):
+        A, b, P = of_sample(chain, recording, k, unknowns)
+        if unknowns.by in ("tau", "current") and not len(rubs):
+            assert recording.qd is not None
+            b = b - P @ friction_torque(model, recording.qd[k])
+        A[:, rubs] = 0.0
+        found.append(np.linalg.pinv(P) @ np.column_stack([A, b - P @ measured[k]]))
+    return np.array(found)
+
+
+def friction_of_features(unknowns: MachineUnknowns, n: int) -> Array:
+    """Return (n, features) by which the features [x, 1] give the sizes of the joints' dry friction."""
+    found = np.zeros((n, unknowns.linear + 1))
+    if unknowns.by not in ("tau", "current"):
+        return found
+    rubs = unknowns.where("friction")
+    if len(rubs):
+        found[np.arange(n), rubs] = 1.0
+    else:
+        found[:, -1] = unknowns.model_joints["friction"]
+    return found
 
 
 def channels(chain: ClosedChain, recording: Recording, by: str) -> Array:
