@@ -29,7 +29,8 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-STEADY = 1e-9  # rad/s^2, m/s^2, or relative to larger accelerations: a smaller one of a contact is rounding
+NOT_MOVING = 1e-9  # rad/s^2, m/s^2, or relative to larger accelerations: a smaller one of a contact is rounding
+NO_EFFECT = 1e-9  # singular values below this, relative to the largest, count as zero
 
 
 class TouchPlace(NamedTuple):
@@ -146,7 +147,7 @@ def touched_object(
         if moved is not None:
             by_alpha = rows.C[j] @ moved
             a = by_alpha + drift[j]
-            least = STEADY * max(1.0, float(np.abs(by_alpha).max()), float(np.abs(drift[j]).max()))
+            least = NOT_MOVING * max(1.0, float(np.abs(by_alpha).max()), float(np.abs(drift[j]).max()))
             seen = slice(2, 3) if slides or mu == 0.0 else slice(0, 3)
             if more is not None and np.abs(drift[j, seen]).max() > least and np.abs(by_alpha[seen]).max() > least:
                 raise MethodNotApplicable(
@@ -240,13 +241,10 @@ def undetermined(touched: TouchedObject, felt: Array) -> tuple[Array, int]:
     free = _null(felt)[count:]
     shared = _null(touched.to_object) if size else np.zeros((0, 0))
     U, s, _ = np.linalg.svd(free - shared @ (shared.T @ free), full_matrices=False)
-    return U[:, s > UNFELT].T, shared.shape[1]
-
-
-UNFELT = 1e-9  # singular values below this, relative to the largest, count as zero
+    return U[:, s > NO_EFFECT].T, shared.shape[1]
 
 
 def _null(A: Array) -> Array:
     """Return an orthonormal basis of the null space of a matrix, as columns."""
     _, s, Vt = np.linalg.svd(A)
-    return Vt[int((s > UNFELT * s.max(initial=1e-300)).sum()) :].T
+    return Vt[int((s > NO_EFFECT * s.max(initial=1e-300)).sum()) :].T

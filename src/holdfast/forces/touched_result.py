@@ -15,7 +15,7 @@ from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.scalar import Array
 
 SAME = 1e-6  # difference of accelerations, relative to the largest, by which motions are told apart
-KEPT = 1e-7  # violations of a mode below this, relative to F0, are rounding
+OF_MODE = 1e-7  # violations of a mode below this, relative to F0, are rounding
 
 
 def of_contacts(question: ForceQuestion, tau: Array, v: Array) -> dict[str, Any]:
@@ -26,7 +26,7 @@ def of_contacts(question: ForceQuestion, tau: Array, v: Array) -> dict[str, Any]
     assert touching is not None
     forces = touched.forces(v[found.touch])
     margins, in_world = touched.margins(forces), touched.rows.in_world(forces)
-    keeps = bool(margins.min(initial=np.inf) >= -KEPT * found.force)
+    keeps = bool(margins.min(initial=np.inf) >= -OF_MODE * found.force)
     return {
         "touch_force": in_world,
         "touch_mode": touched.mode,
