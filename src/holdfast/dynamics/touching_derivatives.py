@@ -26,7 +26,7 @@ from holdfast.questions.derivatives import Derivatives, directions, finite_deriv
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-WRENCH, ALPHA, FORCE = "object_wrench", "object_acceleration", "touch_force"
+OBJECT_WRENCH, OBJECT_ACCELERATION, TOUCH_FORCE = "object_wrench", "object_acceleration", "touch_force"
 
 
 class OfForward(Protocol):
@@ -56,7 +56,9 @@ class TouchingPoint(NamedTuple):
 
     def mobility(self, jacobian: OfForward) -> Array:
         """Return P, (6, 6)."""
-        return jacobian(self.chain, *self.given, of=[ALPHA], by=[WRENCH], **self.more)[ALPHA, WRENCH]
+        return jacobian(self.chain, *self.given, of=[OBJECT_ACCELERATION], by=[OBJECT_WRENCH], **self.more)[
+            OBJECT_ACCELERATION, OBJECT_WRENCH
+        ]
 
 
 def _point(
@@ -84,20 +86,23 @@ def touching_vjp(
     """Return the gradients; `of` are vjp and jacobian of chains without contacts, `more` their further arguments."""
     vjp, jacobian = of
     require_names("forward_dynamics_vjp", by, arguments_of(chain))
-    require_names("forward_dynamics_vjp", cotangents, (*results_of(chain), FORCE))
-    of_forces = FORCE in cotangents
+    require_names("forward_dynamics_vjp", cotangents, (*results_of(chain), TOUCH_FORCE))
+    of_forces = TOUCH_FORCE in cotangents
     at = _point(chain, state, tau, inputs, more, of_forces)
-    rest = {name: x for name, x in cotangents.items() if name != FORCE}
+    rest = {name: x for name, x in cotangents.items() if name != TOUCH_FORCE}
     force_bar = np.zeros((len(at.result.touch_gap), 3))  # pyright: ignore[reportArgumentType]
     if of_forces:
-        force_bar = checks.numbers(cotangents[FORCE], force_bar.shape, FORCE, StateError)
+        force_bar = checks.numbers(cotangents[TOUCH_FORCE], force_bar.shape, TOUCH_FORCE, StateError)
     if at.rates is None:
-        rest = rest or {ALPHA: np.zeros(6)}
+        rest = rest or {OBJECT_ACCELERATION: np.zeros(6)}
         return Derivatives(at.result, vjp(at.chain, *at.given, by=by, **at.more, **rest).parts)
     rates, P = at.rates, at.mobility(jacobian)
-    wrench_bar = vjp(at.chain, *at.given, by=[WRENCH], **at.more, **rest)[WRENCH] if rest else np.zeros(6)
+    wrench_bar = vjp(at.chain, *at.given, by=[OBJECT_WRENCH], **at.more, **rest)[OBJECT_WRENCH] if rest else np.zeros(6)
     s_bar = -rates.compliance(P).T @ (rates.D @ wrench_bar + rates.gives.T @ force_bar.ravel())
-    rest[ALPHA] = checks.numbers(rest.get(ALPHA, np.zeros(6)), (6,), ALPHA, StateError) + rates.A.T @ s_bar
+    rest[OBJECT_ACCELERATION] = (
+        checks.numbers(rest.get(OBJECT_ACCELERATION, np.zeros(6)), (6,), OBJECT_ACCELERATION, StateError)
+        + rates.A.T @ s_bar
+    )
     found = dict(vjp(at.chain, *at.given, by=by, **at.more, **rest).parts)
     wrench_bar = wrench_bar + P.T @ rates.A.T @ s_bar
     for name, (rows, wrench, forces) in rates.by.items():
@@ -126,11 +131,11 @@ def touching_jvp(
 
     def one(tangents: dict[str, Array]) -> dict[str, Array]:
         free = jvp(at.chain, *at.given, along=tangents, **at.more).parts
-        dw = rates.changes("", P, free[ALPHA][:, None])[0][:, 0]
+        dw = rates.changes("", P, free[OBJECT_ACCELERATION][:, None])[0][:, 0]
         for name, x in tangents.items():
             if name in rates.by:
                 dw = dw + rates.changes(name, P, np.zeros((6, 6)))[0] @ x
-        pressed = jvp(at.chain, *at.given, along={WRENCH: dw}, **at.more).parts
+        pressed = jvp(at.chain, *at.given, along={OBJECT_WRENCH: dw}, **at.more).parts
         return {name: free[name] + pressed[name] for name in free}
 
     if isinstance(given, dict):
@@ -150,23 +155,23 @@ def touching_jacobian(
     more: dict[str, Any],
 ) -> Derivatives:
     """Return the Jacobian; `jacobian` is that of chains without contacts, `more` its further arguments."""
-    require_names("forward_dynamics_jacobian", of, (*results_of(chain), FORCE))
+    require_names("forward_dynamics_jacobian", of, (*results_of(chain), TOUCH_FORCE))
     require_names("forward_dynamics_jacobian", by, arguments_of(chain))
-    at = _point(chain, state, tau, inputs, more, FORCE in of)
-    own = [*dict.fromkeys([*(name for name in of if name != FORCE), ALPHA])]
-    free = jacobian(at.chain, *at.given, of=own, by=[*dict.fromkeys([*by, WRENCH])], **at.more)
+    at = _point(chain, state, tau, inputs, more, TOUCH_FORCE in of)
+    own = [*dict.fromkeys([*(name for name in of if name != TOUCH_FORCE), OBJECT_ACCELERATION])]
+    free = jacobian(at.chain, *at.given, of=own, by=[*dict.fromkeys([*by, OBJECT_WRENCH])], **at.more)
     count = 0 if at.result.touch_gap is None else len(at.result.touch_gap)
     found = {}
     for b in by:
-        shape = free[ALPHA, b].shape[1:]
-        alpha = free[ALPHA, b].reshape(6, -1)
+        shape = free[OBJECT_ACCELERATION, b].shape[1:]
+        alpha = free[OBJECT_ACCELERATION, b].reshape(6, -1)
         dw, forces = np.zeros_like(alpha), np.zeros((3 * count, alpha.shape[1]))
         if at.rates is not None:
-            dw, forces = at.rates.changes(b, free[ALPHA, WRENCH], alpha)
+            dw, forces = at.rates.changes(b, free[OBJECT_ACCELERATION, OBJECT_WRENCH], alpha)
         for o in of:
-            if o == FORCE:
+            if o == TOUCH_FORCE:
                 found[o, b] = forces.reshape(count, 3, *shape)
             else:
-                pressed = free[o, WRENCH].reshape(-1, 6) @ dw
+                pressed = free[o, OBJECT_WRENCH].reshape(-1, 6) @ dw
                 found[o, b] = free[o, b] + pressed.reshape(free[o, b].shape)
     return finite_derivatives(at.result, found)
