@@ -43,16 +43,6 @@ def test_at_rest():
     np.testing.assert_allclose(moment, -tilting[:3], atol=1e-9)
 
 
-@pytest.mark.long
-def test_approach_and_press():
-    """From 0.1 mm away the box approaches, touches without rebound, and presses with 20 N to 1e-6."""
-    chain, state = beside_a_wall(1e-4)
-    run = hf.simulate(chain, state, pressing(chain, state), duration=0.048, step=0.004, contacts="steps")
-    assert "touch" in {one.kind for one in run.occurrences}
-    assert run.touch_force[-1].sum(axis=0)[1] == pytest.approx(-PRESS, abs=1e-6)
-    assert run.touch_gap.min() > -1e-12
-
-
 def test_pushes_have_six_numbers():
     """Others are refused by name."""
     with pytest.raises(ModelError, match="push"):
