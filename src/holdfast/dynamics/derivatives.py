@@ -22,11 +22,12 @@ from holdfast.dynamics.force_element_rates import force_element_rates, pushforwa
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.minimum_norm_forces import MinimumNormForces, minimum_norm_forces
 from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.dynamics.touching_derivatives import touching_jacobian, touching_jvp, touching_vjp
 from holdfast.dynamics.tree.mechanism_derivatives import mechanism_jacobian, mechanism_jvp, mechanism_vjp
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain, without_contacts
+from holdfast.model.serial_chain import answered_as_forest, require_unused, serial_chain
 from holdfast.questions.arrays import STATE_AND_TORQUES, arguments_of, gradient_shapes, results_of
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import (
@@ -62,7 +63,8 @@ def forward_dynamics_vjp(
     is extended to states that violate the grasps. Derivatives by poses refer to R -> exp(turn) R and a shift, (.., 6)
     [turn; shift]; those of the object and the bases are about their origins along world axes, those of grasps along the
     object's axes. Derivatives by inertias are symmetric. If the forces are not unique, the derivatives are those of the
-    smallest forces, and are valid along motions.
+    smallest forces, and are valid along motions. Contacts of the object with the world keep their modes, and closed
+    gaps are not distinguished from open ones; their forces are the result `touch_force` (k, 3).
 
     Args:
         chain: arms, object and grasps.
@@ -88,7 +90,8 @@ def forward_dynamics_vjp(
         The gradients by argument, in the shape of the argument.
 
     Raises:
-        StateError: a name, shape or number is wrong, or the state violates a grasp.
+        StateError: a name, shape or number is wrong, the state violates a grasp, or a contact with the world is about
+            to change its mode.
         SingularChainError: the constraint loses rank at this state.
     """
     if answered_as_forest(chain):
@@ -96,7 +99,9 @@ def forward_dynamics_vjp(
         return mechanism_vjp(chain, state, tau, inputs, by, check, cotangents)
     what = "forward_dynamics_vjp"
     serial_chain(chain, "chain")
-    without_contacts(chain, "derivatives")
+    if chain.touching is not None:
+        more, of = {"check": check, "generic_rank": generic_rank}, (forward_dynamics_vjp, forward_dynamics_jacobian)
+        return touching_vjp(of, chain, state, tau, inputs, by, more, cotangents)
     require_names(what, by, arguments_of(chain))
     require_names(what, cotangents, results_of(chain))
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, by)
@@ -149,7 +154,9 @@ def forward_dynamics_jvp(
         require_unused(generic_rank=generic_rank is not None)
         return mechanism_jvp(chain, state, tau, along, inputs, check)
     serial_chain(chain, "chain")
-    without_contacts(chain, "derivatives")
+    if chain.touching is not None:
+        more, of = {"check": check, "generic_rank": generic_rank}, (forward_dynamics_jvp, forward_dynamics_jacobian)
+        return touching_jvp(of, chain, state, tau, inputs, along, more)
     require_names(what, along, arguments_of(chain))
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, list(along))
     given = directions(what, along, gradient_shapes(chain))
@@ -195,7 +202,9 @@ def forward_dynamics_jacobian(
         return mechanism_jacobian(chain, state, tau, of, by, inputs, check)
     what = "forward_dynamics_jacobian"
     serial_chain(chain, "chain")
-    without_contacts(chain, "derivatives")
+    if chain.touching is not None:
+        more = {"check": check, "generic_rank": generic_rank}
+        return touching_jacobian(forward_dynamics_jacobian, chain, state, tau, inputs, of, by, more)
     require_names(what, of, results_of(chain))
     require_names(what, by, arguments_of(chain))
     at, result, least, springs = _point(chain, state, tau, inputs, check, generic_rank, by)

@@ -1,7 +1,7 @@
 """The affine set of all motions and forces that fit a chain's state: v = v0 + N x, tau = T v + t.
 
 v holds the accelerations of a floating base, of all joints and of the objects, the transmitted components lambda of the
-wrenches of grasps and loops, f_i = K_i^T lambda_i, and the forces of couplings.
+wrenches of grasps and loops, f_i = K_i^T lambda_i, the forces of couplings, and those of the world on the object.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
+from holdfast.forces.touched_object import TouchedObject
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -59,6 +60,7 @@ class AccelerationMap(NamedTuple):
         unfelt: number of independent forces that no joint feels.
         wrench_rows: number of wrenches in a result.
         wanted: the unknowns on which tasks have rows.
+        touched: the contacts of the object with the world, whose forces are the last unknowns; None without.
     """
 
     chain: ClosedChain
@@ -72,6 +74,7 @@ class AccelerationMap(NamedTuple):
     unfelt: int
     wrench_rows: int
     wanted: slice
+    touched: TouchedObject | None = None
 
     @property
     def base(self) -> slice:
@@ -91,8 +94,14 @@ class AccelerationMap(NamedTuple):
 
     @property
     def coupled(self) -> slice:
-        """Place of the forces of couplings, the last unknowns."""
-        return slice(len(self.v0) - len(self.chain.all_couplings), len(self.v0))
+        """Place of the forces of couplings."""
+        stop = self.touch.start
+        return slice(stop - len(self.chain.all_couplings), stop)
+
+    @property
+    def touch(self) -> slice:
+        """Place of the forces of the world on the object."""
+        return slice(len(self.v0) - (0 if self.touched is None else self.touched.size), len(self.v0))
 
     def grasp_wrenches(self, v: Array) -> Array:
         """Return the wrenches of grasps and loops about their contacts, world axes, (wrench_rows, 6).

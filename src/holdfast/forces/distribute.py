@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.contact.solved_contacts import ContactStatus
 from holdfast.errors import StateError
 from holdfast.forces.certificate import Certificate, certificate, kept
 from holdfast.forces.cone_solver import Verdict
@@ -18,6 +19,7 @@ from holdfast.forces.limits import Distribution, ForceCost, ForceLimits
 from holdfast.forces.margins import grasp_margins
 from holdfast.forces.programmes import Form, Solved
 from holdfast.forces.smooth_distribution import smooth_parameters, smooth_solution
+from holdfast.forces.touched_result import of_contacts
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.case import VariedCase
@@ -44,6 +46,7 @@ def distribute(
     cost: ForceCost | None = None,
     limits: ForceLimits | None = None,
     inputs: Inputs | None = None,
+    normal_force: Mapping[str, float] | None = None,
     form: Literal["elastic", "effort", "margin"] = "elastic",
 ) -> Distribution:
     """Return the torques of least cost that accelerate the object as asked, within all limits.
@@ -54,6 +57,11 @@ def distribute(
     trunk move as the cost prefers. `forward_dynamics` with the torques returns the accelerations and the wrenches,
     unless the configuration is singular. Forces that no joint feels are the smallest, as there; `Distribution.unfelt`
     counts them. The torques do not include joint friction. A convex programme, some 12 steps of O(n^3).
+
+    Closed contacts of the object with the world (`touching`) take part with forces in their cones, so that a table
+    carries weight and a wall can be pressed. They do what the asked acceleration makes of them: open, stick, or slip
+    with friction against the slip. Where some of it is free, or gives way, they stay as they are: at rest, or sliding.
+    The motion with the torques is one that the laws of contact allow; `touch_status` says whether another is known.
 
     Args:
         chain: the chain.
@@ -68,14 +76,18 @@ def distribute(
         cost: what makes a distribution good.
         limits: the limits, in addition to the conditions of the grasps.
         inputs: external wrenches and base motion.
+        normal_force: normal forces of the world on the object that are to act [N], by name of a contact, "point/shape",
+            or of a shape, the sum over its contacts. For bounds see `ForceLimits`.
         form: "elastic"; "effort", where limits do not give way; or "margin", the torques of least cost for the largest
             margin, in which bounds on normal forces count like conditions. If no torques keep the limits, the last two
             return those that pass the limits least.
 
     Raises:
-        StateError: a shape is wrong, or the arms cannot give the object this acceleration.
+        StateError: a shape is wrong, the arms cannot give the object this acceleration, or it presses the object into
+            the world.
         ModelError: a limit or an acceleration names nothing in the chain.
-        MethodNotApplicable: with `cost.barrier`, something is asked that machine code is not, or of a forest.
+        MethodNotApplicable: with `cost.barrier`, something is asked that machine code is not, or of a forest, or of a
+            chain with `touching`.
 
     Reference:
         S. Boyd, B. Wegbreit, Fast computation of optimal contact forces, IEEE Transactions on Robotics, 2007.
@@ -86,7 +98,7 @@ def distribute(
         raise StateError("limits: least_margin: expected none with form='margin', which asks for the largest one")
     if form == "margin":
         _exactly_asked(cost, "a largest margin")
-    question = force_question(chain, state, acceleration, task, cost, limits, inputs)
+    question = force_question(chain, state, acceleration, task, cost, limits, inputs, normal_force)
     if cost is not None and cost.barrier:
         given: dict[str, Any] = {"chain": chain, "state": state, "acceleration": acceleration, "task": task}
         given |= {"cost": cost, "limits": limits, "inputs": inputs, "form": form}
@@ -106,6 +118,7 @@ def least_peak(
     cost: ForceCost | None = None,
     limits: ForceLimits | None = None,
     inputs: Inputs | None = None,
+    normal_force: Mapping[str, float] | None = None,
 ) -> Distribution:
     """Return the least r for which |tau_j| <= r effort_j gives the acceleration, and the torques of least cost then.
 
@@ -120,12 +133,13 @@ def least_peak(
         cost: what makes a distribution good.
         limits: the limits; those on torques are r times the share `effort`.
         inputs: external wrenches and base motion.
+        normal_force: as in `distribute`.
 
     Raises:
         StateError: as in `distribute`.
     """
     _exactly_asked(cost, "a least peak")
-    return distribution(force_question(chain, state, acceleration, task, cost, limits, inputs), "peak")
+    return distribution(force_question(chain, state, acceleration, task, cost, limits, inputs, normal_force), "peak")
 
 
 @np.errstate(all="ignore")  # what overflows is refused
@@ -138,6 +152,7 @@ def lift_margin(
     cost: ForceCost | None = None,
     limits: ForceLimits | None = None,
     inputs: Inputs | None = None,
+    normal_force: Mapping[str, float] | None = None,
 ) -> Distribution:
     """Return the largest share sigma of an acceleration, or multiple of the payload, that the limits allow.
 
@@ -155,6 +170,7 @@ def lift_margin(
         cost: what makes a distribution good.
         limits: the limits.
         inputs: external wrenches and base motion.
+        normal_force: as in `distribute`.
 
     Raises:
         StateError: as in `distribute`, or there is nothing to scale.
@@ -163,7 +179,9 @@ def lift_margin(
         raise StateError("acceleration: expected one to scale, got None; try payload=True for the largest payload")
     checks.flag(payload, "payload", StateError)
     _exactly_asked(cost, "a lift margin")
-    return distribution(scaled_question(chain, state, acceleration, payload, cost, limits, inputs), "scale")
+    return distribution(
+        scaled_question(chain, state, acceleration, payload, cost, limits, inputs, normal_force), "scale"
+    )
 
 
 def explain(found: Distribution) -> str:
@@ -266,6 +284,7 @@ def _described(
     chain, v = found.chain, checks.finite(done.v, "distribution of forces")
     wrenches = found.grasp_wrenches(v)
     margins = grasp_margins(chain, question.state, wrenches)
+    touched = {} if found.touched is None else of_contacts(question, found.T @ v + found.t, v)
     prices = _prices(question.limits, done.parts, found.force)
     status = status or ("infeasible" if proof is not None else done.verdict.value)
     why = kept(prices, {limit.name: limit.unit for limit in question.limits})
@@ -275,6 +294,8 @@ def _described(
     words |= {"undecided": f"rounding hides whether the limits can be kept (residual {done.residual:.1g})"}
     why = words.get(status, why) if proof is None else proof.words
     why += f"; forces that no joint feels ({found.unfelt}) are taken as the smallest" if found.unfelt else ""
+    if touched.get("touch_status") is ContactStatus.AMBIGUOUS:
+        why += "; with these torques the laws of contact allow another motion, too"
     return Distribution(
         found.T @ v + found.t,
         v[found.qdd],
@@ -292,6 +313,7 @@ def _described(
         found.unfelt,
         FrozenDict({one.key: wrenches[one.row] for one in found.grasps}),
         v[found.coupled],
+        **touched,
     )
 
 

@@ -7,8 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces.acceleration_map import (
+    WorldForces,
     acceleration_map,
     asked_rows,
     force_scale,
@@ -19,12 +21,13 @@ from holdfast.forces.affine_map import AccelerationMap, AccelerationTask, toward
 from holdfast.forces.forest_equations import forest_equations
 from holdfast.forces.forest_map import forest_force, forest_map, scaled_forest_map
 from holdfast.forces.forest_task import NamedTask, named_tasks, on_accelerations
-from holdfast.forces.limit_rows import Limit, limit_rows
+from holdfast.forces.limit_rows import Limit, limit_rows, same_modes
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programmes import Costs, Form, Posed, Solved, answer, at_value, costs, posed
+from holdfast.forces.touched_object import normal_force_rows, touched_object
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import answered_as_forest, without_contacts
+from holdfast.model.serial_chain import answered_as_forest, require_unused, without_contacts
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
@@ -40,6 +43,7 @@ class ForceQuestion(NamedTuple):
         limits: the limits.
         costs: the cost.
         v1: (m,) change of the map's v0 per unit of sigma; None without a share that grows.
+        inputs: external wrenches and base motion.
     """
 
     state: State
@@ -47,6 +51,7 @@ class ForceQuestion(NamedTuple):
     limits: list[Limit]
     costs: Costs
     v1: Array | None = None
+    inputs: Inputs | None = None
 
     def posed(self, form: Form, price: float = 0.0) -> Posed:
         """Return the programme of a form."""
@@ -75,19 +80,25 @@ def force_question(
     cost: ForceCost | None,
     limits: ForceLimits | None,
     inputs: Inputs | None,
+    normal_force: Mapping[str, Any] | None = None,
 ) -> ForceQuestion:
     """Return the question of `distribute`; arguments as there."""
     checks.instance(cost, (ForceCost, type(None)), "cost")
     if answered_as_forest(chain):
+        require_unused(normal_force=normal_force is not None)
         return _forest_question(chain, state, acceleration, task, cost or ForceCost(), limits, inputs)
     motion, wanted = _motion(chain, state, inputs), _asked(acceleration, task)
     weight = None if cost is None else cost.task_weight()
     exact, force = wanted if weight is None else NOTHING, force_scale(motion, wanted.smallest)
-    found = acceleration_map(motion, exact, force=force)
+    if cost is not None and cost.barrier:
+        without_contacts(chain, "cost: barrier")
+    all_asked = np.linalg.matrix_rank(exact.rows) == 6
+    world = _world(motion, state, normal_force, exact.smallest if all_asked else None)
+    found = acceleration_map(motion, exact, force=force, world=world)
     if weight is None:
-        return _with_limits(state, found, limits, cost)
+        return _with_limits(state, found, limits, cost)._replace(inputs=inputs)
     wanted = wanted.weighed(weight)
-    return _with_limits(state, towards_task(found, wanted), limits, cost, wanted)
+    return _with_limits(state, towards_task(found, wanted), limits, cost, wanted)._replace(inputs=inputs)
 
 
 def scaled_question(
@@ -98,17 +109,23 @@ def scaled_question(
     cost: ForceCost | None,
     limits: ForceLimits | None,
     inputs: Inputs | None,
+    normal_force: Mapping[str, Any] | None = None,
 ) -> ForceQuestion:
     """Return the question of `lift_margin`; arguments as there."""
     if answered_as_forest(chain):
+        require_unused(normal_force=normal_force is not None)
         equations = forest_equations(chain, state, inputs)
         tasks = named_tasks(equations, acceleration, None)
         found, v1 = scaled_forest_map(equations, tasks, forest_force(equations, tasks), payload=payload)
         return _with_limits(state, found, limits, cost)._replace(v1=v1)
     motion, wanted = _motion(chain, state, inputs), _asked(acceleration, None)
     held = wanted if payload else wanted._replace(values=np.zeros(6))
-    found, v1 = scaled_map(motion, held, np.zeros(6) if payload else wanted.values, payload=payload)
-    return _with_limits(state, found, limits, cost)._replace(v1=v1)
+    more = np.zeros(6) if payload else wanted.values
+    world = _world(motion, state, normal_force, held.smallest, None if payload else more)
+    found, v1 = scaled_map(motion, held, more, payload=payload, world=world)
+    question = _with_limits(state, found, limits, cost)._replace(v1=v1, inputs=inputs)
+    forward = [] if world is None or payload else same_modes(found, more)
+    return question._replace(limits=[*question.limits, *forward])
 
 
 def _forest_question(
@@ -153,10 +170,18 @@ def _weights(given: Any, tasks: list[NamedTask]) -> dict[str, float]:
     return {name: float(weight) for name, weight in given.items()}
 
 
-def _motion(chain: ClosedChain, state: State, inputs: Inputs | None):
-    without_contacts(chain, "forces within limits")
+def _motion(chain: ClosedChain, state: State, inputs: Inputs | None) -> ChainMotion:
     require_fit(chain, state)
     return motion_without_torques(chain, state, shaped_inputs(chain, inputs))
+
+
+def _world(
+    motion: ChainMotion, state: State, normal_force: Any, alpha: Array | None, more: Array | None = None
+) -> WorldForces | None:
+    """Return the forces of the world on the object, and what is asked of them; see `touched_object`."""
+    touched = touched_object(motion, state, alpha, more)
+    rows = normal_force_rows(motion.chain, touched, normal_force)
+    return None if touched is None else WorldForces(touched, *rows)
 
 
 def _asked(acceleration: Any, task: Any) -> AccelerationTask:

@@ -13,10 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.contact.solved_contacts import ContactMode
+from holdfast.dynamics.contact.touching_chain import CLOSED
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.affine_map import AccelerationMap
 from holdfast.forces.limits import ForceLimits
 from holdfast.forces.margins import conditions
+from holdfast.forces.touched_object import contact_names, normal_row, pressing_contacts
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.joint import Joint
@@ -90,7 +93,8 @@ def limit_rows(found: AccelerationMap, state: State, limits: ForceLimits) -> lis
     Raises:
         ModelError, StateError: a name is unknown, or a shape is wrong.
     """
-    return [*_of_efforts(found, limits), *_of_grasps(found, limits), *_of_accelerations(found, state, limits)]
+    on_forces = [*_of_grasps(found, limits), *_of_contacts(found, limits)]
+    return [*_of_efforts(found, limits), *on_forces, *_of_accelerations(found, state, limits)]
 
 
 def _of_efforts(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
@@ -106,7 +110,10 @@ def _of_efforts(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
 
 def _of_grasps(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
     chain, size = found.chain, len(found.v0)
-    demanded, least, most = (limits.of_grasps(name, chain) for name in ("least_margin", "least_normal", "most_normal"))
+    names = () if found.touched is None else contact_names(chain)
+    demanded, least, most = (
+        limits.of_grasps(name, chain, names) for name in ("least_margin", "least_normal", "most_normal")
+    )
     for one in found.grasps:
         name, c, part = one.name, one.contact, one.part
         to_contact, fixed = np.zeros((6, size)), np.zeros(6)
@@ -134,6 +141,44 @@ def _of_grasps(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
             G[1:, part] = -np.diag(per_unit)
             h = np.r_[limits.wrench_change, -per_unit * (c.K @ last[one.row])]
             yield Limit(name, "wrench change", "", 1.0, G, h)
+
+
+def _of_contacts(found: AccelerationMap, limits: ForceLimits) -> Iterator[Limit]:
+    """Yield the limits of contacts with the world: their modes, and bounds on normal forces by name."""
+    touched, size, touching = found.touched, len(found.v0), found.chain.touching
+    names = () if touched is None else contact_names(found.chain)
+    demanded, least, most = (
+        limits.of_contacts(name, names) for name in ("least_margin", "least_normal", "most_normal")
+    )
+    if touched is None or touching is None:
+        return
+    for name in demanded:
+        if name not in touching.names:
+            raise ModelError(f"limits: least_margin: expected one contact, such as '{touching.names[0]}', got '{name}'")
+    for one in touched.places:
+        sticks = one.mode is ContactMode.STICKS
+        G, h = np.zeros((3 if sticks else 1, size)), np.zeros(3 if sticks else 1)
+        part = slice(found.touch.start + one.part.start, found.touch.start + one.part.stop)
+        G[:, part] = -one.gives[:, [2, 0, 1]].T if sticks else -1.0
+        G[0, part] *= one.friction if sticks else 1.0
+        h[0] = -demanded.get(one.name, 0.0)
+        yield Limit(one.name, "friction" if sticks else "pressing", "", 1.0, G, h)
+    for what, sign, bounds in (("least normal force", 1.0, least), ("most normal force", -1.0, most)):
+        for name, bound in bounds.items():
+            G = np.zeros((1, size))
+            G[0, found.touch] = -sign * normal_row(touched, pressing_contacts(found.chain, name, "limits"))
+            yield Limit(name, what, "", 1.0, G, np.array([-sign * bound]))
+
+
+def same_modes(found: AccelerationMap, more: Array) -> list[Limit]:
+    """Return the limit sigma >= 0 on an acceleration sigma more, if contacts would do something else with sigma < 0."""
+    touched = found.touched
+    size = float(more @ more)
+    if touched is None or not size or not (touched.rows.C[touched.rows.gap <= CLOSED] @ more).any():
+        return []
+    G = np.zeros((1, len(found.v0)))
+    G[0, found.alpha] = -more / size
+    return [Limit("contacts", "direction", "", 1.0, G, np.zeros(1), "share")]
 
 
 def _rotated(R: Array, columns: Array) -> Array:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from holdfast.dynamics.contact.solved_contacts import ContactStatus
 from holdfast.errors import ModelError, StateError
 from holdfast.forces.certificate import Certificate
 from holdfast.model import checks
@@ -25,7 +26,8 @@ PerGrasp = float | Mapping[Any, float] | None
 class ForceLimits(Frozen):
     """The limits of a distribution of forces, in addition to the grasps' own conditions (`grasp_margins`).
 
-    A value per grasp is one number for all, or a mapping from names of arms.
+    A value per grasp is one number for all, or a mapping from names of arms. A mapping may also name contacts
+    of the object with the world, "point/shape", and for normal forces a whole shape, the sum over its contacts.
 
     Attributes:
         effort: share of every joint's effort limit that may be used; None for no limit on torques.
@@ -68,10 +70,10 @@ class ForceLimits(Frozen):
         if (self.last_wrench is None) != math.isinf(self.wrench_change):
             raise ModelError("limits: expected last_wrench and wrench_change together, got one of them")
 
-    def of_grasps(self, name: str, chain: ClosedChain) -> dict[Any, float]:
+    def of_grasps(self, name: str, chain: ClosedChain, contacts: Collection[str] = ()) -> dict[Any, float]:
         """Return a limit by key of the grasp or loop, for those that have it.
 
-        One number is for all grasps, and for all loops with a contact.
+        One number is for all grasps, and for all loops with a contact. Names of contacts with the world are left out.
 
         Raises:
             ModelError: an arm holds nothing, or does not exist.
@@ -85,11 +87,16 @@ class ForceLimits(Frozen):
             return dict.fromkeys([*chain.grasps, *pressed], float(given))
         known = [*chain.grasps, *(key for key in loops if key not in chain.grasps)]
         for key in given:
-            if key not in known:
+            if key not in known and key not in contacts:
                 raise ModelError(
                     f"limits: {name}: no grasp {key!r}.{checks.did_you_mean(str(key), [str(one) for one in known])}"
                 )
-        return {key: float(x) for key, x in given.items()}
+        return {key: float(x) for key, x in given.items() if key in known}
+
+    def of_contacts(self, name: str, contacts: Collection[str]) -> dict[str, float]:
+        """Return a limit by name of a contact with the world, or of a shape, for those that have it."""
+        given = getattr(self, name)
+        return {key: x for key, x in given.items() if key in contacts} if isinstance(given, Mapping) else {}
 
 
 @called
@@ -197,6 +204,14 @@ class Distribution(Frozen):
             of them than nearby; `forward_dynamics` and `diagnose` tell.
         wrenches: the rows of `grasp_wrench` by the keys of the chain's grasps and loops.
         coupling_force: (couplings,) a coupling acts on each of its joints with c times this.
+        touch_force: (k, 3) force of the world on the object at every candidate of `touching`, world axes [N]; this and
+            what follows is None without `touching`.
+        touch_mode: (k,) numbers of `ContactMode`, what contacts do under this acceleration.
+        touch_margin: (k,) by how much the forces of contacts keep that [N]: mu f_n - |f_t| where one sticks, f_n where
+            it slides; infinite where it is open.
+        touch_status: of `forward_dynamics` with the torques; AMBIGUOUS also if it finds another motion that the laws of
+            contact allow. None where forces of contacts do not keep their cones, or the configuration is singular.
+        touches: the rows of `touch_force` by name, "point/shape".
     """
 
     tau: Array
@@ -215,6 +230,11 @@ class Distribution(Frozen):
     unfelt: int = 0
     wrenches: Mapping[Any, Array] = field(default_factory=FrozenDict)
     coupling_force: Array = field(default_factory=lambda: np.zeros(0))
+    touch_force: Array | None = None
+    touch_mode: Array | None = None
+    touch_margin: Array | None = None
+    touch_status: ContactStatus | None = None
+    touches: Mapping[str, Array] | None = None
 
     def __repr__(self) -> str:
         """Return the status, the margin and the reason."""

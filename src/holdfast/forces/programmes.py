@@ -86,6 +86,11 @@ def costs(found: AccelerationMap, cost: ForceCost, asked: AccelerationTask | Non
         of_one[:, one.part] = np.diag(weight)
         rows.append(of_one)
         rest.append(-weight * (c.K @ rotate(c.frame, wish[one.row])))
+    if found.touched is not None:
+        of_world = np.zeros((found.touched.size, size))
+        of_world[:, found.touch] = cost.wrench / found.force * np.eye(found.touched.size)
+        rows.append(of_world)
+        rest.append(np.zeros(found.touched.size))
     wished = np.zeros(chain.joint_count) if cost.joint_acceleration is None else cost.joint_acceleration
     wished = checks.numbers(wished, (chain.joint_count,), "cost: joint_acceleration", StateError)
     moving = np.eye(found.qdd.stop, size)  # a floating base, too

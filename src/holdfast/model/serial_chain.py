@@ -50,7 +50,8 @@ def without_contacts(chain: Any, what: str) -> None:
     if getattr(chain, "touching", None) is not None:
         raise MethodNotApplicable(
             f"{what}: expected a chain without touching, since contacts with the world are not built there; they are"
-            " part of forward_dynamics, touch and simulate. Try dataclasses.replace(chain, touching=None)"
+            " part of forward_dynamics and its derivatives, touch, distribute and simulate. Try"
+            " dataclasses.replace(chain, touching=None)"
         )
 
 

@@ -85,6 +85,7 @@ class ObjectImpedanceTable(KeyTable, tag_field="type", tag="object_impedance"):
     stiffness: NumberRows
     damping: NumberRows
     inertia: NumberRows | None = None
+    push: NumberRows | None = None
 
 
 class InternalForceTable(KeyTable, tag_field="type", tag="internal_force"):

@@ -84,19 +84,32 @@ def touching_forces(motion: ChainMotion, state: State, free: Solution) -> Touchi
     Raises:
         StateError: a closed contact approaches.
     """
-    touching, twist = motion.chain.touching, state.object_twist
+    touching = motion.chain.touching
     assert touching is not None
-    rows = contact_rows(touching, state.object_frame, twist)
-    require_no_approach(touching, rows, twist)
-    u, least = rows.velocity(twist), _least_slip(twist)
-    closed = (rows.gap <= CLOSED) & (u[:, 2] <= least)
-    speed = np.linalg.norm(u[closed, :2], axis=1)
-    moves = speed > least
-    slide = np.where(moves, u[closed, :2].T / np.where(moves, speed, 1.0), 0.0).T
+    rows, closed, slides = closed_contacts(touching, state)
+    slide = slides[closed]
     P = _mobility(motion, free) if closed.any() else np.zeros((6, 6))
     alpha = free.object_acceleration + pseudo_gravity(motion.chain)
     b = rows.C[closed] @ alpha + rows.drift[closed]
     return TouchingForces(rows, closed, solve_contacts(P, rows.C[closed], b, rows.friction[closed], slide=slide), slide)
+
+
+def closed_contacts(touching: Touching, state: State) -> tuple[ContactRows, Array, Array]:
+    """Return all candidates, which of them are closed and do not leave (k,), and the directions of slip (k, 2). O(k).
+
+    The directions are unit vectors [t1, t2], 0 for contacts that are at rest or open.
+
+    Raises:
+        StateError: a closed contact approaches.
+    """
+    twist = state.object_twist
+    rows = contact_rows(touching, state.object_frame, twist)
+    require_no_approach(touching, rows, twist)
+    u, least = rows.velocity(twist), _least_slip(twist)
+    closed = (rows.gap <= CLOSED) & (u[:, 2] <= least)
+    speed = np.linalg.norm(u[:, :2], axis=1)
+    moves = closed & (speed > least)
+    return rows, closed, np.where(moves, u[:, :2].T / np.where(moves, speed, 1.0), 0.0).T
 
 
 def require_no_approach(touching: Touching, rows: ContactRows, twist: Array) -> None:
