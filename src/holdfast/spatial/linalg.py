@@ -155,6 +155,37 @@ def in_range(A: Array, b: Array, rank: int) -> Array:
     return found
 
 
+def least_inverse(A: Array, tolerance: float) -> Array:
+    """Return J with which J b is the shortest solution of A x = b for every b in the range of A, (n, m).
+
+    Gram-Schmidt on the rows of [A | 1], the largest remaining one first, gives T A = U with orthonormal rows, and
+    J = U^T T. Unlike `least_solution`, it does not square the condition. O(m^2 (m + n)).
+
+    Args:
+        A: (m, n), rows in one unit.
+        tolerance: length of a remaining row, relative to the longest of A, up to which it is zero.
+    """
+    m, n = A.shape
+    rows, basis, least = [concatenate([a, e]) for a, e in zip(A, np.eye(m), strict=True)], [], 0.0
+    for k in range(min(m, n)):
+        u, size = rows[0], rows[0][:n] @ rows[0][:n]
+        for j in range(1, len(rows)):
+            own = rows[j][:n] @ rows[j][:n]
+            more = own > size
+            u, rows[j] = select(more, rows[j], u), select(more, u, rows[j])
+            size = where(more, own, size)
+        least = tolerance * tolerance * size if k == 0 else least
+        for before in basis:  # once more, because what has been subtracted may have been much larger
+            u = u - (u[:n] @ before[:n]) * before
+        size = u[:n] @ u[:n]
+        alive = size > least
+        u = u * where(alive, 1.0 / sqrt(where(alive, size, 1.0)), 0.0)
+        rows = [a - (a[:n] @ u[:n]) * u for a in rows[1:]]
+        basis.append(u)
+    found = array(basis).reshape(-1, n + m)
+    return found[:, :n].T @ found[:, n:]
+
+
 def _unit(a: Array) -> Array:
     """Return a vector divided by its length; zero remains zero."""
     size = a @ a
