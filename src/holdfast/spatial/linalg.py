@@ -155,18 +155,19 @@ def in_range(A: Array, b: Array, rank: int) -> Array:
     return found
 
 
-def least_inverse(A: Array, tolerance: float) -> Array:
-    """Return J with which J b is the shortest solution of A x = b for every b in the range of A, (n, m).
+def shortest_solution(A: Array, b: Array, tolerance: float) -> Array:
+    """Return the shortest solution of equations A x = b that have one, (n,).
 
-    Gram-Schmidt on the rows of [A | 1], the largest remaining one first, gives T A = U with orthonormal rows, and
-    J = U^T T. Unlike `least_solution`, it does not square the condition. O(m^2 (m + n)).
+    Gram-Schmidt on the rows of [A | b], the largest remaining one first, gives U x = y with orthonormal rows, and
+    x = U^T y. Unlike `least_solution`, it does not square the condition. O(m n min(m, n)).
 
     Args:
         A: (m, n), rows in one unit.
+        b: (m,) in the range of A; what is not is ignored.
         tolerance: length of a remaining row, relative to the longest of A, up to which it is zero.
     """
     m, n = A.shape
-    rows, basis, least = [concatenate([a, e]) for a, e in zip(A, np.eye(m), strict=True)], [], 0.0
+    rows, basis, least, found = [concatenate([a, [x]]) for a, x in zip(A, b, strict=True)], [], 0.0, np.zeros(n)
     for k in range(min(m, n)):
         u, size = rows[0], rows[0][:n] @ rows[0][:n]
         for j in range(1, len(rows)):
@@ -182,8 +183,8 @@ def least_inverse(A: Array, tolerance: float) -> Array:
         u = u * where(alive, 1.0 / sqrt(where(alive, size, 1.0)), 0.0)
         rows = [a - (a[:n] @ u[:n]) * u for a in rows[1:]]
         basis.append(u)
-    found = array(basis).reshape(-1, n + m)
-    return found[:, :n].T @ found[:, n:]
+        found = found + u[n] * u[:n]
+    return found
 
 
 def _unit(a: Array) -> Array:

@@ -33,7 +33,7 @@ from holdfast.model import checks
 from holdfast.model.forest import Closure, Forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.linalg import back_substitution, least_inverse
+from holdfast.spatial.linalg import back_substitution, shortest_solution
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum
 
 TRANSMITTED = 1e-9  # largest part of a wanted wrench, relative to it, that its closure does not transmit
@@ -321,10 +321,8 @@ def driven(forest: Forest) -> Array:
 
 
 def _least(columns: Array, needed: Array, unit: Array) -> Array:
-    """Return the smallest z with columns z = needed, once more for what rounding leaves."""
-    inverse = least_inverse(columns / unit[:, None], NULL_SINGULAR_VALUE) / unit
-    found = inverse @ needed
-    return found + inverse @ (needed - columns @ found)
+    """Return the smallest z with columns z = needed."""
+    return shortest_solution(columns / unit[:, None], needed / unit, NULL_SINGULAR_VALUE)
 
 
 def _require_possible(forest: Forest, terms: InverseTerms, qdd: Array) -> None:
