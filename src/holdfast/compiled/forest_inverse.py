@@ -137,7 +137,7 @@ def chain_inverse_terms(chain: ClosedChain, parameters: Sequence[str]) -> Forest
     wrenches, joints = results["grasp_wrench"], joint_rows(chain)
     accelerations = {name: results[name].shape for name in ("object_acceleration", FLOATING_RESULT) if name in results}
     inputs: dict[str, Shape] = {**dict.fromkeys(("q", "qd"), ()), "qdd": results["qdd"].shape}
-    inputs |= own.state | accelerations
+    inputs.update({**own.state, **accelerations})
 
     def arguments(given: Given) -> dict[str, Array]:
         qdd = flat_rates(given["qdd"], given["object_acceleration"], given.get(FLOATING_RESULT))
