@@ -61,9 +61,16 @@ def _shape(name, x):
     return -x if 0 < x < 1 else 0.5 + abs(x)
 
 
-def found_dips(dips: Dips, step: float, **options) -> Trajectory:
-    """Return the run, having asserted that every dip is found, its ends to 1e-9 s, and nothing else is."""
-    chain, state = pressed()
+def found_dips(dips: Dips, step: float, of=None, **options) -> Trajectory:
+    """Return the run, having asserted that every dip is found, its ends to 1e-9 s, and nothing else is.
+
+    Args:
+        dips: the dips of the torque.
+        step: [s].
+        of: the chain and its state; None for `pressed`.
+        **options: of `simulate`.
+    """
+    chain, state = of or pressed()
     run = simulate(
         chain, state, lambda t, s, m: (np.array([dips.torque(t)]), m), dips.duration, step, on_slip="record", **options
     )

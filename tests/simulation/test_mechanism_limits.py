@@ -12,6 +12,8 @@ from holdfast.errors import MethodNotApplicable
 from holdfast.forces.margins import conditions
 from tests.control.two_pandas import two_pandas
 from tests.dynamics.tree.as_branched import AWAY, STRAY, gap
+from tests.simulation.dips import Dips, found_dips
+from tests.simulation.gantries import pressed
 from tests.systems.branched import Branched, palletiser, two_arms_with_grippers
 
 FRICTION = {"softfinger": hf.Friction(0.8, torsion_radius=0.02), "ball": hf.Friction(0.8)}
@@ -76,9 +78,8 @@ def swing_through(angle: float) -> float:
 
     w2 = 2.0 * 9.81 * 0.5 / (0.2 + 2.0 * 0.25)
 
-    def rate(s):  # with angle = 0.3 - s^2 the square root has no singularity
-        x = 0.3 - s * s
-        return 2.0 * s / np.sqrt(2.0 * w2 * (np.cos(x) - np.cos(0.3)))
+    def rate(s):  # with angle = 0.3 - s^2 the square root of cos(angle) - cos(0.3), over s, is regular
+        return 2.0 / np.sqrt(2.0 * w2 * np.sin(0.3 - s * s / 2.0) * np.sinc(s * s / (2.0 * np.pi)))
 
     return quad(rate, 0.0, np.sqrt(0.3 - angle), epsabs=1e-13)[0]
 
@@ -105,6 +106,33 @@ def test_recorded_limits():
     assert gap([one[2] for one in coarse], [one[2] for one in fine]) < 1e-9
     assert runs[0].stopped is None
     assert runs[1].lowest_joint_margin[:, 0].min() == pytest.approx(runs[0].lowest_joint_margin[:, 0].min(), abs=1e-6)
+
+
+def beside_stray(chain, state):
+    """Return a serial chain with one object beside another that falls, which makes it a forest, and its state."""
+    poses = [state.object_pose, AWAY.wxyz_xyz]
+    return replace(chain, objects={"stray": STRAY}), replace(state, object_pose=poses, object_twist=np.zeros((2, 6)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("count", "scheme"), [(8, "rk4"), (40, "midpoint")])  # by the reference, and by machine code
+def test_dips(count, scheme):
+    """Dips of a contact's margin from a quarter of a step on are found, of any shape, as those of serial chains."""
+    h = 5e-3
+    found_dips(Dips.random(count, h, 0.25, 1.5, seed=count), h, beside_stray(*pressed()), scheme=scheme)
+
+
+@pytest.mark.parametrize("beyond", [1e-5, -1e-5])
+def test_a_turning_point_within_a_step(beyond):
+    """A pendulum that turns a little beyond the end of its range between two evaluations is found, and to 1e-9 s."""
+    p = pendulum(position_limits=(-0.3 + beyond, 1.0))
+    run = hf.simulate(p.chain, p.state, constant(p.tau), 1.0, 0.1, scheme="dop853", rtol=1e-11)
+    turned, aside = 2.0 * swing_through(0.0), swing_through(0.3 - abs(beyond))
+    passed = [turned - aside, turned + aside] if beyond > 0 else []
+    k = int(np.searchsorted(run.t, turned))
+    assert run.t[k] - run.t[k - 1] > 16.0 * aside  # no evaluation need lie in between
+    assert run.lowest_joint_margin[:, 0].min() == pytest.approx(-beyond, abs=1e-9)
+    assert [one.t for one in run.occurrences] == pytest.approx(passed, abs=1e-9)
 
 
 def test_clipped_torques():

@@ -97,8 +97,8 @@ def compile(
 
     Returns:
         The chain's dynamics as functions of arrays, for one system or a batch; a `CompiledForest` of a forest, and a
-        `CompiledMechanism` of a chain with branches, loops, couplings or several objects, have forward dynamics and
-        its derivatives only.
+        `CompiledMechanism` of a chain with branches, loops, couplings or several objects, have forward dynamics, its
+        derivatives and inverse dynamics only.
 
     Raises:
         MethodNotApplicable: `method` or `dtype` is not available in machine code.

@@ -11,6 +11,12 @@ from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.forest_forward import ForestForward, ForwardFunction, Kind, MechanismForward
 from holdfast.compiled.forest_function import ForestFunction
+from holdfast.compiled.forest_inverse import (
+    ForestInverse,
+    MechanismInverse,
+    chain_inverse_terms,
+    forest_inverse_terms,
+)
 from holdfast.compiled.forest_terms import ForestTerms, chain_terms, forest_terms
 from holdfast.compiled.function import NotCompiledError
 from holdfast.model.closed_chain import ClosedChain
@@ -40,6 +46,7 @@ class _Compiled(Generic[F]):
         self.parameters, self.progress, self._subject = tuple(parameters), progress, subject
         key = f"{code_key(subject)}/{type(self).__name__}/{self.parameters}"
         self.function = ForestFunction(terms(subject, self.parameters), key, progress)
+        self.inverse_key = f"{key}/inverse_dynamics"
         self.forward_dynamics = forward(self.function)
 
     def forward_dynamics_vjp(self, *given: Any, **further: Any) -> CompiledDerivatives:
@@ -75,8 +82,8 @@ class _Compiled(Generic[F]):
         if name in QUESTIONS:
             raise NotCompiledError(
                 f"compile: '{name}': expected forward_dynamics of a forest, or of a chain that is answered as a forest,"
-                " which have no machine code but of it and its derivatives; try the function of the chain that runs as"
-                " reference"
+                " which have no machine code but of it, its derivatives, and inverse_dynamics; try the function of the"
+                " chain that runs as reference"
             )
         raise unknown_attribute(self, name)
 
@@ -96,11 +103,12 @@ class _Compiled(Generic[F]):
 
 @called
 class CompiledForest(_Compiled[ForestForward]):
-    """The forward dynamics of one forest as machine code; made by `holdfast.compile`.
+    """The dynamics of one forest as machine code; made by `holdfast.compile`.
 
     Attributes:
         forest: the forest, all numbers of which are constants of the code.
         forward_dynamics: a `ForestForward`, with its derivatives.
+        inverse_dynamics: a `ForestInverse`.
         parameters: ("link_wrench",) if external wrenches on the bodies are an input, else ().
         progress: whether to show that machine code is made; see `holdfast.compile`.
     """
@@ -108,17 +116,19 @@ class CompiledForest(_Compiled[ForestForward]):
     def __init__(self, forest: Forest, parameters: Sequence[str] = (), progress: bool | None = None) -> None:
         self.forest = forest
         super().__init__(forest, forest_terms, ForestForward, parameters, progress)
+        self.inverse_dynamics = ForestInverse(forest_inverse_terms(forest, self.parameters), self.inverse_key, progress)
 
 
 @called
 class CompiledMechanism(_Compiled[MechanismForward]):
-    """The forward dynamics of one chain with branches, loops, couplings or several objects as machine code.
+    """The dynamics of one chain with branches, loops, couplings or several objects as machine code.
 
     It is made by `holdfast.compile`, and all numbers of the chain are constants of the code.
 
     Attributes:
         chain: the chain.
         forward_dynamics: a `MechanismForward`, with its derivatives.
+        inverse_dynamics: a `MechanismInverse`.
         parameters: ("link_wrench",) if external wrenches on the links are inputs, else ().
         progress: whether to show that machine code is made; see `holdfast.compile`.
     """
@@ -126,3 +136,6 @@ class CompiledMechanism(_Compiled[MechanismForward]):
     def __init__(self, chain: ClosedChain, parameters: Sequence[str] = (), progress: bool | None = None) -> None:
         self.chain = chain
         super().__init__(chain, chain_terms, MechanismForward, parameters, progress)
+        self.inverse_dynamics = MechanismInverse(
+            chain_inverse_terms(chain, self.parameters), self.inverse_key, progress
+        )

@@ -1,10 +1,10 @@
-"""Forward dynamics of a forest, or of a chain that is answered as one, as a function of arrays in machine code."""
+"""Questions of a forest, or of a chain that is answered as one, as functions of arrays in machine code."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from holdfast.compiled.derivative_schedule import WITH
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.forest_request import ForestRequest
 from holdfast.compiled.forest_schedule import forward_outputs, traced_solution
-from holdfast.compiled.forest_terms import CompiledForestResult, CompiledMechanismResult, ForestTerms
+from holdfast.compiled.forest_terms import ForestTerms
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.traced_chain import Given, externals, traced
 from holdfast.compiler.schedule import FIRST_BAD, Schedule
@@ -23,11 +23,11 @@ from holdfast.errors import StateError
 from holdfast.progress import busy
 from holdfast.spatial.scalar import Array
 
-_OF_STATUS = ("rank", "status", "condition")
-
 
 class ForestFunction:
-    """Forward dynamics, or derivatives of it, as machine code for one system or a batch, or bound to fixed arrays.
+    """A question of a forest as machine code for one system or a batch, or bound to fixed arrays.
+
+    This one is forward dynamics, or derivatives of it.
 
     Attributes:
         terms: the arrays that it takes and returns.
@@ -37,6 +37,8 @@ class ForestFunction:
     """
 
     has_status = True  # what a `BoundFunction` asks of a function
+    question: ClassVar[str] = "forward_dynamics"
+    of_status: ClassVar[tuple[str, ...]] = ("rank", "status", "condition")
 
     def __init__(
         self, terms: ForestTerms, key: str, progress: bool | None, request: ForestRequest | None = None
@@ -45,8 +47,15 @@ class ForestFunction:
         self.key = key if request is None else f"{key}/{request.name}"
         given = {} if request is None else request.given(terms)
         found = {} if request is None else request.found(terms)
-        shapes = {**terms.inputs, **given, **terms.further, **terms.outputs, **dict.fromkeys(_OF_STATUS, ()), **found}
-        inputs, outputs = [*terms.inputs, *given, *terms.further], [*terms.outputs, *_OF_STATUS, *found]
+        shapes = {
+            **terms.inputs,
+            **given,
+            **terms.further,
+            **terms.outputs,
+            **dict.fromkeys(self.of_status, ()),
+            **found,
+        }
+        inputs, outputs = [*terms.inputs, *given, *terms.further], [*terms.outputs, *self.of_status, *found]
         self.externals, self._needed = externals(inputs, [], outputs, shapes), [*terms.inputs, *given]
 
     def of(self, request: ForestRequest) -> ForestFunction:
@@ -56,7 +65,7 @@ class ForestFunction:
     @property
     def name(self) -> str:
         """The name of the question, with the kind of derivatives if these are computed."""
-        return "forward_dynamics" if self.request is None else f"forward_dynamics.{self.request.kind}"
+        return self.question if self.request is None else f"{self.question}.{self.request.kind}"
 
     def __call__(self, given: Mapping[str, Any], out: Any, threads: int | None) -> Any:
         """Return accelerations and forces of one system or a batch.
@@ -111,18 +120,18 @@ class ForestFunction:
 
     def schedule(self) -> Schedule:
         """Return the schedule, made by tracing the reference's functions."""
-        forest, terms, request = self.terms.forest, self.terms, self.request
+        guarded = [*self.terms.outputs, *(() if self.request is None else self.request.found(self.terms))]
+        return traced(self.externals, self.traced_outputs, "status", tuple(guarded))
 
-        def outputs(given: Given) -> dict[str, Any]:
-            solved = traced_solution(forest, terms.arguments(given))
-            found = forward_outputs(solved)
-            own = terms.results(found) | {name: found[name] for name in _OF_STATUS}
-            return own if request is None else own | request.outputs(terms, solved, given)
+    def traced_outputs(self, given: Given) -> dict[str, Any]:
+        """Return the outputs by name of the traced arrays."""
+        terms, request = self.terms, self.request
+        solved = traced_solution(terms.forest, terms.arguments(given))
+        found = forward_outputs(solved)
+        own = terms.results(found) | {name: found[name] for name in self.of_status}
+        return own if request is None else own | request.outputs(terms, solved, given)
 
-        guarded = [*terms.outputs, *(() if request is None else request.found(terms))]
-        return traced(self.externals, outputs, "status", tuple(guarded))
-
-    def results(self, batch: int | None) -> CompiledForestResult | CompiledMechanismResult:
+    def results(self, batch: int | None) -> Any:
         """Return new memory for the results of one system, or of a batch."""
         return self.terms.made(self.chain, self.calls.layout, batch)
 

@@ -66,7 +66,7 @@ class TracedSolution(NamedTuple):
 def traced_solution(forest: Forest, given: Given) -> TracedSolution:
     """Return forward dynamics by running the reference's functions on traced arrays."""
     made, qd, tau, wrenches = with_constants(forest), given["qd"], given["tau"], given.get("link_wrench")
-    arms, q = with_constant_arms(forest), _unit_quaternions(forest, given["q"])
+    arms, q = with_constant_arms(forest), unit_positions(forest, given["q"])
     torque = tau - damping_torques(made, qd) - spring_torques(made, given["q"])
     limbed = limbed_motion(made, arms, q, qd, torque, wrenches)
     found = solved_with_limbs(limbed, plan_of(forest.topology))
@@ -127,7 +127,7 @@ def _constant_body(body: ForestBody) -> ForestBody:
     return changed(body, link=constant_link(body.link), joint=own)
 
 
-def _unit_quaternions(forest: Forest, q: Array) -> Array:
+def unit_positions(forest: Forest, q: Array) -> Array:
     """Return positions with unit quaternions, NaN where one is not of unit length within 1e-6."""
     parts = []
     for body, at in zip(forest.bodies, forest.positions, strict=True):

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.result import SolvedResults
+from holdfast.compiled.result import Results, SolvedResults
 from holdfast.compiled.traced_chain import Given
 from holdfast.dynamics.tree.forest_derivatives import FOREST_RESULTS, POSITIONS_RATES_TORQUES
 from holdfast.dynamics.tree.forest_dynamics import ForestResult, forest_dynamics
@@ -78,20 +78,20 @@ class CompiledMechanismResult(SolvedResults, MechanismResult):  # pyright: ignor
 
 
 class ForestTerms(NamedTuple):
-    """What machine code of forward dynamics reads and writes, and what that is of the forest.
+    """What machine code of a question reads and writes, and what that is of the forest.
 
     Attributes:
         subject: the forest, or the chain.
         forest: the forest.
         inputs: shapes of the arrays of a call, in order.
         further: shapes of those that are zero unless they are given.
-        outputs: shapes of the results, without rank, status and condition.
+        outputs: shapes of the results, without what says whether there are any, such as rank and status.
         arguments: returns the arguments of the forest by name, of the traced arrays.
         results: returns the results, of those of the forest.
         require: refuses arrays of one system or a batch that are no inputs.
         refuse: raises the error of the reference for one system, if it has one.
         made: the class of the results.
-        arguments_by: by what forward dynamics can be differentiated, as parts of arrays of the forest.
+        arguments_by: by what the question can be differentiated, as parts of arrays of the forest.
         results_of: the results as parts of arrays of the forest.
         by, of: arguments and results of derivatives by default.
     """
@@ -105,7 +105,7 @@ class ForestTerms(NamedTuple):
     results: Callable[[Mapping[str, Array]], dict[str, Array]]
     require: Callable[[Mapping[str, Array]], None]
     refuse: Callable[[Mapping[str, Array]], object]
-    made: type[CompiledForestResult | CompiledMechanismResult]
+    made: type[Results]
     arguments_by: Mapping[str, ForestPlace]
     results_of: Mapping[str, ForestPlace]
     by: tuple[str, ...]
@@ -147,31 +147,63 @@ def forest_terms(forest: Forest, parameters: Sequence[str]) -> ForestTerms:
     )
 
 
-def chain_terms(chain: ClosedChain, parameters: Sequence[str]) -> ForestTerms:
-    """Return the arrays of a chain's forest in the terms of the chain; `parameters` may have "link_wrench"."""
-    forest, places, results = chain.as_forest.forest, chain_arguments(chain), chain_results(chain)
-    count = len(chain.free_objects)
+class ChainArrays(NamedTuple):
+    """The state of a chain and the wrenches on it as arrays of machine code.
+
+    Attributes:
+        state: shapes of the arrays of its state.
+        wrenches: shapes of external wrenches.
+        arguments: returns q, qd and link_wrench of its forest, of the traced arrays.
+        asked: returns the state and the inputs of one system.
+    """
+
+    state: Mapping[str, Shape]
+    wrenches: Mapping[str, Shape]
+    arguments: Callable[[Given], dict[str, Array]]
+    asked: Callable[[Mapping[str, Array]], tuple[State, Inputs]]
+
+
+def chain_arrays(chain: ClosedChain, parameters: Sequence[str]) -> ChainArrays:
+    """Return the arrays of a chain's state and of wrenches on it; `parameters` may have "link_wrench"."""
+    forest, places, count = chain.as_forest.forest, chain_arguments(chain), len(chain.free_objects)
     several = () if count == 1 else (count,)
-    n, driven = chain.joint_count, driven_joints(chain)
-    inputs: dict[str, Shape] = {"q": (forest.position_count - 7 * (count + chain.floats),), "qd": (n,), "tau": (n,)}
-    inputs |= {"object_pose": (*several, 7), "object_twist": (*several, 6)}
-    inputs |= dict(zip(FLOATING, ((7,), (6,)), strict=True)) if chain.floats else {}
+    state: dict[str, Shape] = {"q": (forest.position_count - 7 * (count + chain.floats),), "qd": (chain.joint_count,)}
+    state |= {"object_pose": (*several, 7), "object_twist": (*several, 6)}
+    state |= dict(zip(FLOATING, ((7,), (6,)), strict=True)) if chain.floats else {}
     names = ["object_wrench", *(("link_wrench", "trunk_link_wrench") if "link_wrench" in parameters else ())]
     further = {name: places[name].shape for name in names if name in places}
 
     def arguments(given: Given) -> dict[str, Array]:
-        tau = array(
-            [x if has else where(abs(x) <= 0.0, 0.0, np.nan) for x, has in zip(given["tau"], driven, strict=True)]
-        )
         wrenches = np.zeros((len(forest.bodies), 6), dtype=object)
         for name in further:
             wrenches[places[name].rows] = given[name].reshape(-1, 6)
         return {
             "q": flat_rates(given["q"], given["object_pose"], given.get(FLOATING[0])),
             "qd": flat_rates(given["qd"], given["object_twist"], given.get(FLOATING[1])),
-            "tau": flat_rates(tau.reshape(n), np.zeros((count, 6)), np.zeros(6) if chain.floats else None),
             "link_wrench": wrenches,
         }
+
+    def asked(found: Mapping[str, Array]) -> tuple[State, Inputs]:
+        at = State(**{field: found[name] for name, field in state_fields(chain).items()})
+        wrenches = {f"{name}es": found[name] for name in further if name != "object_wrench" and name in found}
+        return at, Inputs(object_wrench=found.get("object_wrench"), **wrenches)
+
+    return ChainArrays(state, further, arguments, asked)
+
+
+def chain_terms(chain: ClosedChain, parameters: Sequence[str]) -> ForestTerms:
+    """Return the arrays of a chain's forest in the terms of the chain; `parameters` may have "link_wrench"."""
+    forest, places, results = chain.as_forest.forest, chain_arguments(chain), chain_results(chain)
+    own, count = chain_arrays(chain, parameters), len(chain.free_objects)
+    n, driven = chain.joint_count, driven_joints(chain)
+    inputs: dict[str, Shape] = {"q": own.state["q"], "qd": (n,), "tau": (n,), **own.state}
+
+    def arguments(given: Given) -> dict[str, Array]:
+        tau = array(
+            [x if has else where(abs(x) <= 0.0, 0.0, np.nan) for x, has in zip(given["tau"], driven, strict=True)]
+        )
+        drives = flat_rates(tau.reshape(n), np.zeros((count, 6)), np.zeros(6) if chain.floats else None)
+        return own.arguments(given) | {"tau": drives}
 
     def from_forest(found: Mapping[str, Array]) -> dict[str, Array]:
         acceleration = np.zeros((len(forest.bodies), 6), dtype=object)  # of free bodies, which are asked for
@@ -181,9 +213,7 @@ def chain_terms(chain: ClosedChain, parameters: Sequence[str]) -> ForestTerms:
         return {name: place.of({**found, "acceleration": acceleration}) for name, place in results.items()}
 
     def refuse(found: Mapping[str, Array]) -> None:
-        state = State(**{field: found[name] for name, field in state_fields(chain).items()})
-        wrenches = {f"{name}es": found[name] for name in further if name != "object_wrench" and name in found}
-        given = Inputs(object_wrench=found.get("object_wrench"), **wrenches)
+        state, given = own.asked(found)
         mechanism_dynamics(chain, state, found["tau"], given, check=False)
 
     def require(found: Mapping[str, Array]) -> None:
@@ -194,7 +224,7 @@ def chain_terms(chain: ClosedChain, parameters: Sequence[str]) -> ForestTerms:
         chain,
         forest,
         inputs,
-        further,
+        own.wrenches,
         {name: place.shape for name, place in results.items()},
         arguments,
         from_forest,

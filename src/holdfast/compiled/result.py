@@ -90,8 +90,8 @@ class Results:
         return self.layout.view(name, self.memory, self.batch)
 
 
-class SolvedResults(Results):
-    """Results with rank, status and condition, of one system or a batch, whose arrays are written by machine code."""
+class StatusResults(Results):
+    """Results with a status, of one system or a batch, whose arrays are written by machine code."""
 
     __deepcopy__: Any = None  # allows real copies, because unlike other results these may be overwritten
 
@@ -102,25 +102,29 @@ class SolvedResults(Results):
         return self.__dict__.setdefault(name, self.array(name))
 
     @property
+    def status(self) -> Any:
+        """The status of the solution; for a batch, an array of `Status`."""
+        return _STATUSES[self.array("status").astype(np.intp)]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to unpickle or copy the result from its numbers."""
+        return type(self), (self.chain, self.layout, self.batch, self.memory.copy())
+
+
+class SolvedResults(StatusResults):
+    """Results with rank, status and condition, of one system or a batch, whose arrays are written by machine code."""
+
+    @property
     def rank(self) -> Any:
         """The number of independent rows of the constraint."""
         found = self.array("rank")
         return int(found) if self.batch is None else found.astype(np.int64)
 
     @property
-    def status(self) -> Any:
-        """The status of the solution; for a batch, an array of `Status`."""
-        return _STATUSES[self.array("status").astype(np.intp)]
-
-    @property
     def condition(self) -> Any:
         """A measure of the distance to a singular configuration (see `ForwardResult`); infinite at one."""
         found = np.where(self.array("status") == SINGULAR, np.inf, self.array("condition"))
         return float(found) if self.batch is None else found
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to unpickle or copy the result from its numbers."""
-        return type(self), (self.chain, self.layout, self.batch, self.memory.copy())
 
 
 class CompiledResult(SolvedResults, ForwardResult):  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -71,7 +71,8 @@ def traced(
     outputs = {name: list(np.asarray(found[name], dtype=object).flat) for name, e in externals.items() if name in found}
     assert all(len(x) == math.prod(externals[name].shape) for name, x in outputs.items())
     # On a processor without fma every fma would be a library call, so products and sums are not fused.
-    schedule = derived(composition, externals, numbers, outputs, status, guarded, fused=cpu.has_fma())
+    whole = tuple(name for name in guarded if externals[name].size)  # machine code would write one number of no array
+    schedule = derived(composition, externals, numbers, outputs, status, whole, fused=cpu.has_fma())
     composition.clear()
     return schedule
 

@@ -95,10 +95,12 @@ class LateInstant(Instant):
 
     def __getattr__(self, name: str) -> Any:
         """Evaluate the instant in full, and return the attribute."""
-        if name not in Instant.__dataclass_fields__:
+        if name.startswith("_"):
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
-        vars(self).update(vars(self._whole()))
-        return vars(self)[name]
+        whole = self._whole()
+        found = getattr(whole, name)
+        vars(self).update({**vars(whole), name: found})
+        return found
 
     @property
     def joints(self) -> tuple[Array, Array, Array]:

@@ -51,7 +51,7 @@ def interpolant(now: Knot, later: Knot) -> Callable[[float], State]:
     def state(t: float) -> State:
         if not now.t <= t <= later.t:
             raise StateError(f"interpolation: t: expected {now.t:.9g} to {later.t:.9g} s, got {t:.9g} s")
-        x, rate = _quintic(*ends[0], *ends[1], step, (t - now.t) / step)
+        x, rate = quintic(*ends[0], *ends[1], step, (t - now.t) / step)
         held, *base = [_pose_and_twist(x[k : k + 7], rate[k : k + 7]) for k in range(n, len(x), 7)]
         return State(x[:n], rate[:n], *held, *(base[0] if floats else ()))
 
@@ -96,7 +96,7 @@ def _pose_and_twist(x: Array, rate: Array) -> tuple[Array, Array]:
     return np.concatenate([quaternion / length, x[4:]]), np.concatenate([omega, rate[4:]])
 
 
-def _quintic(
+def quintic(
     x0: Array, v0: Array, a0: Array, x1: Array, v1: Array, a1: Array, step: float, s: float
 ) -> tuple[Array, Array]:
     """Return value and rate at the fraction s of the step, 0 at its start and 1 at its end."""

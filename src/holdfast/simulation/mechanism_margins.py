@@ -16,7 +16,6 @@ from holdfast.forces.margins import conditions, joint_coordinates, margin_of_row
 from holdfast.forces.row_wrenches import contact_wrenches
 from holdfast.model.grasp_rows import GraspRow, grasp_rows
 from holdfast.simulation.margins import JOINT_QUANTITIES, Quantity, Signals, freedom_names, giving_way
-from holdfast.simulation.mechanism_stepper import MechanismMoment
 from holdfast.spatial.scalar import Array
 
 
@@ -71,21 +70,21 @@ class MechanismSignals(Signals):
         """Return all margins at several instants, (instants, rows + 3 n). O(rows + n), O(bodies) with limited loops."""
         return np.array([self._of(at) for at in instants])
 
-    def _of(self, at: MechanismMoment) -> Array:
+    def _of(self, at: Any) -> Array:
         found = np.full(len(self.rows), np.inf)
         for i, wrench in self._wrenches(at).items():
             found[i] = margin_of_row(self.limited_rows[i], wrench)
-        q = joint_coordinates(self.chain, at.state.q)
-        return np.concatenate([found, *margins_of_joints(self.joint_limits, q, at.state.qd, at.tau)])
+        q, qd, tau = at.joints
+        return np.concatenate([found, *margins_of_joints(self.joint_limits, joint_coordinates(self.chain, q), qd, tau)])
 
-    def wrenches(self, at: MechanismMoment) -> Array:
+    def wrenches(self, at: Any) -> Array:
         """Return the wrenches of the run's grasps and loops, (rows, 6); zero where none is closed."""
         found = np.zeros((len(self.rows), 6))
         for i, row in self.closed.items():
             found[i] = at.account.closure_wrench[self.chain.as_forest.closures[row.key]]
         return found
 
-    def _wrenches(self, at: MechanismMoment) -> dict[int, Array]:
+    def _wrenches(self, at: Any) -> dict[int, Array]:
         """Return the wrenches of the rows with limits in contact axes."""
         limited = self.limited_rows
         return contact_wrenches(self.chain, at.state, self.wrenches(at), limited) if limited else {}

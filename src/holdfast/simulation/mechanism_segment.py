@@ -28,10 +28,7 @@ from holdfast.state import Inputs, State
 
 @dataclass(frozen=True, eq=False)
 class MechanismSegment(Segment):
-    """The part of a run of a chain that is answered as a forest, in which the same grasps are closed; see `Segment`.
-
-    Margins are evaluated at the ends of steps only, each of which costs as much as a stage.
-    """
+    """The part of a run of a chain that is answered as a forest, in which the same grasps are closed; see `Segment`."""
 
     finds_singular: ClassVar[bool] = False
 
@@ -40,10 +37,6 @@ class MechanismSegment(Segment):
         """The margins of the run's grasps and loops, and of the joints."""
         later = attached_later(self.settings.events)
         return MechanismSignals(self.environment.chain, grasp_rows(self.settings.environment.chain, later))
-
-    def evaluation_times(self, begin: float, end: float) -> list[float]:
-        """Return the end of a step [s]."""
-        return [end]
 
     def require_closed(self, start: Origin) -> None:
         """Refuse a start that violates a grasp, loop or coupling.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -27,8 +27,9 @@ from holdfast.errors import ClosureError, ModelError, SingularChainError, StateE
 from holdfast.model import checks
 from holdfast.simulation.adaptive import Tolerance, error_ratio
 from holdfast.simulation.environment import Environment, require_wrenches
-from holdfast.simulation.instant import Instant
+from holdfast.simulation.instant import Instant, late_instant
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
+from holdfast.simulation.mechanism_interpolant import ForestKnot, forest_interpolant
 from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.simulation.step import Gaps
@@ -92,11 +93,33 @@ class MechanismStepper:
 
     def evaluate(self, t: float, state: State, memory: Any) -> MechanismMoment:
         """Return the chain at a given state; see `Stepper`."""
+        return self._moment(t, state, *self._arguments(t, state, memory))
+
+    def between(self, now: Instant, later: Instant | None) -> Callable[[float], Instant]:
+        """Return the chain as a function of time between the ends of a step, on the quintics through them.
+
+        It is closed where forces are not unique, since rows that follow from others contradict each other elsewhere.
+        """
+        assert isinstance(now, MechanismMoment) and isinstance(later, MechanismMoment)
         chain = self.environment.chain
-        given, tau, memory, inputs = self._arguments(t, state, memory)
-        now = self.engine.instant(given)
-        sample, found = ForestSample(t, given, now), (now, now.power)
-        return MechanismMoment(t, state, chain, inputs, tau, memory, *found, sample=sample, engine=self.engine)  # pyright: ignore
+        forest = chain.as_forest.forest
+        knots = (ForestKnot(one.t, one.sample.given.q, one.velocities, one.accelerations) for one in (now, later))
+        way = forest_interpolant(forest, *knots)
+
+        def at(t: float) -> Instant:
+            q, qd = way(t)
+            state = chain_state(chain, q, qd)
+            found = self._arguments(t, state, now.memory)
+
+            def whole() -> Instant:
+                if now.sample.now.unique:
+                    return self._moment(t, state, *found)
+                closed = closed_near(self.engine, forest, q, qd)
+                return self.evaluate(t, chain_state(chain, *closed[:2]), now.memory)
+
+            return late_instant(t, (state.q, state.qd, found[1]), None, whole)
+
+        return at
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return the results of single steps; see `Stepper`."""
@@ -126,6 +149,14 @@ class MechanismStepper:
         pairs = ((getattr(one.sample.given, name) for one in (before, after)) for name in ("q", "qd"))
         sizes = [(len(a), max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0))) for a, b in pairs]
         return self.tolerance.atol + self.tolerance.rtol * np.concatenate([np.full(n, size) for n, size in sizes])
+
+    def _moment(
+        self, t: float, state: State, given: ForestArguments, tau: Array, memory: Any, inputs: Inputs
+    ) -> MechanismMoment:
+        now = self.engine.instant(given)
+        sample, found = ForestSample(t, given, now), (now, now.power)
+        chain = self.environment.chain
+        return MechanismMoment(t, state, chain, inputs, tau, memory, *found, sample=sample, engine=self.engine)  # pyright: ignore
 
     @cached_property
     def _friction(self) -> Array:

@@ -17,6 +17,7 @@ from holdfast.simulation.contact_events import changes
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.mechanism_stepper import MechanismStepper
 from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_configuration import (
@@ -33,8 +34,15 @@ from holdfast.simulation.singular_configuration import (
 )
 from holdfast.simulation.stability import elsewhere
 from holdfast.simulation.step import Gaps
-from holdfast.simulation.stepper import Advance, Stepper
-from holdfast.simulation.verification import MarginCurves, StepMargins, in_doubt, minima, verify
+from holdfast.simulation.stepper import NO_GAPS, Advance, Stepper
+from holdfast.simulation.verification import (
+    MarginCurves,
+    StepMargins,
+    in_doubt,
+    minima,
+    verified_without_steps,
+    verify,
+)
 from holdfast.spatial.scalar import Array
 
 TURNING = 0.5  # longest step, relative to the time in which friction turns a slip
@@ -234,7 +242,9 @@ def _step_to(
         until = reached.t
     times = segment.evaluation_times(now.t, until)
     _screen(curves, at, stepper or segment.stepper, times)
-    found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest)
+    found = _interpolated(curves, at, stepper or segment.stepper, times)
+    if found is None:
+        found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest)
     end = found.end
     window = Window(segment, at.previous, now)
     _require_step(window, found, until, saved.tracker)
@@ -319,6 +329,33 @@ def _screen(curves: MarginCurves, at: RunState, stepper: Stepper, times: list[fl
     if not in_doubt(both[1:], tracker.beyond[limited]) and not len(minima(both, least)[0]):
         curves.advances.update(zip(times, found, strict=True))
         curves.margins.update(zip(times, margins, strict=True))
+
+
+def _interpolated(curves: MarginCurves, at: RunState, stepper: Stepper, times: list[float]) -> StepMargins | None:
+    """Return the margins of a step of a chain that is answered as a forest, and enter them; None if one is in doubt.
+
+    Each of the points inside a step would cost a step. They lie on the quintics through the ends of the steps instead.
+    """
+    if not isinstance(stepper, MechanismStepper) or len(times) == 1:
+        return None
+    try:
+        curves.evaluate(times[-1:])
+    except HoldfastError:
+        return None
+    segment, tracker, end = at.segment, at.checkpoint.tracker, curves.advances[times[-1]]
+    inside = stepper.between(at.now, end.instant)
+    before = inside if at.previous is None else stepper.between(at.previous, at.now)
+
+    def reach(points: Sequence[float]) -> list[Advance]:
+        return [Advance(t, (before if t < at.now.t else inside)(t), NO_GAPS, np.zeros(4)) for t in points]
+
+    between = MarginCurves(reach, segment.margins_of, dict(curves.margins), {})
+    watched = segment.signals.limited
+    if not verified_without_steps(between, at.now.t, times, watched, tracker.beyond, tracker.lowest):
+        return None
+    curves.margins.update(between.margins)
+    found, margins = between.table()
+    return StepMargins(found, margins, int(np.searchsorted(found, at.now.t)), end)
 
 
 def _margin_curves(at: RunState, stepper: Stepper) -> MarginCurves:

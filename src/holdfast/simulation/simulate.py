@@ -102,9 +102,9 @@ def simulate(
     states which violations are certain to be found. For a chain without such limits this costs nothing.
 
     A chain with branches, loops, couplings or several objects is simulated by the same schemes but "imex", with bases
-    that stand. The margins of its joints, grasps and loops are evaluated at the ends of steps only, by the smallest
-    forces if these are not unique. A shorter violation is found if it shows as a minimum between three of them.
-    Singular configurations end a run only where no accelerations exist.
+    that stand. The margins of its joints, grasps and loops, by the smallest forces if these are not unique, are
+    evaluated inside steps on interpolated instants first, and by shorter steps, as those of serial chains, where a
+    violation may begin or end. Singular configurations end a run only where no accelerations exist.
 
     Args:
         chain: arms, object and grasps.

@@ -163,6 +163,36 @@ def verify(
     return StepMargins(found[kept], margins[kept], int(np.searchsorted(found, begin)), curves.advances[end])
 
 
+def verified_without_steps(
+    between: MarginCurves, begin: float, times: list[float], watched: Array, beyond: Array, lowest: Array
+) -> bool:
+    """Refine the margins of a step on interpolated instants; return whether no violation may begin or end in it.
+
+    Interpolated margins may be wrong, and there may be dips between them, by `DROPS` times the range that a margin has
+    in the step.
+
+    Args:
+        between: the margin curves of interpolated instants, which contain the margins at the step's ends.
+        begin: as for `verify`.
+        times: as for `verify`.
+        watched: as for `verify`.
+        beyond: (signals,) whether a recorded violation goes on.
+        lowest: as for `verify`.
+    """
+    try:
+        between.evaluate(times)
+        found, margins = between.table()
+        m, negative = margins[found >= begin][:, watched], beyond[watched]
+        low, high = m.min(axis=0), m.max(axis=0)
+        doubt = DROPS * (high - low)
+        if np.where(negative, high + doubt >= 0.0, low - doubt < 0.0).any():
+            return False
+        _refine_minima(between, watched, lowest, TIME_OF_MINIMUM * (times[-1] - begin))
+    except REFUSALS:
+        return False
+    return True
+
+
 def _evaluate_ends(curves: MarginCurves, begin: float, watched: Array) -> None:
     """Evaluate the first or last eighth of a step in eighths if a margin may be negative within it."""
     times, margins = curves.table()

@@ -155,6 +155,38 @@ def in_range(A: Array, b: Array, rank: int) -> Array:
     return found
 
 
+def shortest_solution(A: Array, b: Array, tolerance: float) -> Array:
+    """Return the shortest solution of equations A x = b that have one, (n,).
+
+    Gram-Schmidt on the rows of [A | b], the largest remaining one first, gives U x = y with orthonormal rows, and
+    x = U^T y. Unlike `least_solution`, it does not square the condition. O(m n min(m, n)).
+
+    Args:
+        A: (m, n), rows in one unit.
+        b: (m,) in the range of A; what is not is ignored.
+        tolerance: length of a remaining row, relative to the longest of A, up to which it is zero.
+    """
+    m, n = A.shape
+    rows, basis, least, found = [concatenate([a, [x]]) for a, x in zip(A, b, strict=True)], [], 0.0, np.zeros(n)
+    for k in range(min(m, n)):
+        u, size = rows[0], rows[0][:n] @ rows[0][:n]
+        for j in range(1, len(rows)):
+            own = rows[j][:n] @ rows[j][:n]
+            more = own > size
+            u, rows[j] = select(more, rows[j], u), select(more, u, rows[j])
+            size = where(more, own, size)
+        least = tolerance * tolerance * size if k == 0 else least
+        for before in basis:  # once more, because what has been subtracted may have been much larger
+            u = u - (u[:n] @ before[:n]) * before
+        size = u[:n] @ u[:n]
+        alive = size > least
+        u = u * where(alive, 1.0 / sqrt(where(alive, size, 1.0)), 0.0)
+        rows = [a - (a[:n] @ u[:n]) * u for a in rows[1:]]
+        basis.append(u)
+        found = found + u[n] * u[:n]
+    return found
+
+
 def _unit(a: Array) -> Array:
     """Return a vector divided by its length; zero remains zero."""
     size = a @ a

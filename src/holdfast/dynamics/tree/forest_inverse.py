@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +33,8 @@ from holdfast.model import checks
 from holdfast.model.forest import Closure, Forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.linalg import back_substitution, shortest_solution
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum
 
 TRANSMITTED = 1e-9  # largest part of a wanted wrench, relative to it, that its closure does not transmit
 MISSING = 1e-8  # a passive load that is left over, relative to all passive loads, cannot be carried
@@ -201,15 +203,43 @@ def driving_torques(forest: Forest, terms: InverseTerms, loads: Array, asked: Ar
     Raises:
         StateError: no forces can carry a passive part, or the numbers overflow.
     """
-    needed, passive = checks.finite(loads, "inverse dynamics"), ~driven(forest)
+    needed = checks.finite(loads, "inverse dynamics")
+    found = carrying_forces(forest, terms, needed, asked)
+    _require_carried(forest, needed, found.left)
+    wrenches = wrenches_along(forest, terms, found.force[: len(terms.K)])
+    return ForestTorques(np.where(driven(forest), found.left, 0.0), wrenches, found.force[len(terms.K) :])
+
+
+class CarryingForces(NamedTuple):
+    """Forces of closures and couplings that carry all passive parts.
+
+    Attributes:
+        force: (rows,) along the rows.
+        left: (n_v,) the loads that they leave to the drives; those of passive parts are missing.
+        missing: the largest of these, relative to the largest load, at least 1; no forces can carry more than
+            `MISSING`.
+    """
+
+    force: Array
+    left: Array
+    missing: Scalar
+
+
+def carrying_forces(forest: Forest, terms: InverseTerms, needed: Array, asked: Array) -> CarryingForces:
+    """Return the forces closest to wanted ones that carry all passive parts; arguments as of `driving_torques`."""
+    passive = np.flatnonzero(~driven(forest))
     load = _least(terms.E.T[passive], (needed - terms.G.T @ asked)[passive], terms.unit[passive])
-    force = asked + (np.linalg.solve(terms.C.T, load) if len(terms.C) else load)
+    force = asked + back_substitution(terms.C, load)
     left = needed - terms.G.T @ force
-    _require_carried(forest, passive, needed, left)
-    along, coupled = np.split(force, [len(terms.K)])
-    wrenches = np.zeros((len(forest.closures), 6))
-    np.add.at(wrenches, _closures_of_rows(forest), terms.K * along[:, None])
-    return ForestTorques(np.where(passive, 0.0, left), wrenches, coupled)
+    largest = reduce(maximum, [abs(x) for x in needed], 1.0)
+    return CarryingForces(force, left, reduce(maximum, [abs(left[k]) for k in passive], 0.0) / largest)
+
+
+def wrenches_along(forest: Forest, terms: InverseTerms, force: Array) -> Array:
+    """Return the wrenches of forces along the rows of the closures, (closures, 6)."""
+    rows = _closures_of_rows(forest)
+    found = [terms.K[rows == i].T @ force[rows == i] for i in range(len(forest.closures))]
+    return array(found).reshape(-1, 6)
 
 
 def smallest_accelerations(terms: InverseTerms, given: Array, free: Array) -> Array:
@@ -258,16 +288,26 @@ def wanted_forces(forest: Forest, terms: InverseTerms, near: Array) -> Array:
     Raises:
         StateError: a closure does not transmit its wrench.
     """
-    rows = _closures_of_rows(forest)
-    along, transmitted = (terms.K * near[rows]).sum(axis=1), np.zeros(near.shape)
-    np.add.at(transmitted, rows, terms.K * along[:, None])
+    asked = along_rows(forest, terms, near)
+    transmitted = wrenches_along(forest, terms, asked[: len(terms.K)])
     for closure, f, kept in zip(forest.closures, near, transmitted, strict=True):
-        if not np.abs(f - kept).max() <= TRANSMITTED * max(1.0, float(np.abs(f).max())):
+        if not untransmitted(f, kept) <= TRANSMITTED:
             raise StateError(
                 f"wrench of {_name(forest, closure)}: expected one that a {closure.grasp.kind} grasp transmits,"
                 f" got {checks.place(f)}; try {checks.place(kept)}"
             )
-    return np.concatenate([along, np.zeros(len(forest.couplings))])
+    return asked
+
+
+def along_rows(forest: Forest, terms: InverseTerms, near: Array) -> Array:
+    """Return the parts of wrenches (closures, 6) along the rows of the closures, and zeros for couplings, (rows,)."""
+    along = [k @ near[i] for k, i in zip(terms.K, _closures_of_rows(forest), strict=True)]
+    return array([*along, *[0.0] * len(forest.couplings)])
+
+
+def untransmitted(wrench: Array, kept: Array) -> Scalar:
+    """Return the largest part of a wrench (6,) that is not kept, relative to the wrench, at least 1."""
+    return reduce(maximum, abs(wrench - kept)) / reduce(maximum, abs(wrench), 1.0)
 
 
 def _name(forest: Forest, closure: Closure) -> str:
@@ -281,10 +321,8 @@ def driven(forest: Forest) -> Array:
 
 
 def _least(columns: Array, needed: Array, unit: Array) -> Array:
-    """Return the smallest z with columns z = needed, once more for what rounding leaves."""
-    inverse = np.linalg.pinv(columns / unit[:, None], rcond=NULL_SINGULAR_VALUE) / unit
-    found = inverse @ needed
-    return found + inverse @ (needed - columns @ found)
+    """Return the smallest z with columns z = needed."""
+    return shortest_solution(columns / unit[:, None], needed / unit, NULL_SINGULAR_VALUE)
 
 
 def _require_possible(forest: Forest, terms: InverseTerms, qdd: Array) -> None:
@@ -305,9 +343,9 @@ def _require_possible(forest: Forest, terms: InverseTerms, qdd: Array) -> None:
         )
 
 
-def _require_carried(forest: Forest, passive: Array, needed: Array, left: Array) -> None:
+def _require_carried(forest: Forest, needed: Array, left: Array) -> None:
     """Refuse accelerations of passive parts for which there are no forces."""
-    limit = MISSING * max(1.0, float(np.abs(needed).max()))
+    limit, passive = MISSING * max(1.0, float(np.abs(needed).max())), ~driven(forest)
     for k, (body, part) in enumerate(zip(forest.bodies, forest.velocities, strict=True)):
         if passive[part].any() and not np.abs(left[part]).max() <= limit:
             name = f"body {k}" + (f" '{body.link.name}'" if body.link.name else "")

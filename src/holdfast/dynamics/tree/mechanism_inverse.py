@@ -65,6 +65,8 @@ def mechanism_torques(
     inputs: Inputs | None,
     of_base: Array | None,
     object_acceleration: ArrayLike | None,
+    *,
+    check: bool = True,
 ) -> MechanismTorques:
     """Return torques for given accelerations by a chain's forest; see `inverse_dynamics` for errors.
 
@@ -76,6 +78,7 @@ def mechanism_torques(
         inputs: external wrenches and base motion; zero by default.
         of_base: (6,) acceleration of a floating base, None without one.
         object_acceleration: (6,), or (k, 6) of several objects; None without one.
+        check: whether state and accelerations must satisfy closures and couplings.
     """
     given, parts = mechanism_arguments(chain, state, inputs=inputs), chain_results(chain)
 
@@ -86,7 +89,7 @@ def mechanism_torques(
     of_joints = numbers("qdd", qdd, True)
     of_objects = numbers("object_acceleration", object_acceleration, bool(chain.free_objects))
     near = numbers("grasp_wrench", grasp_wrench, False)
-    found = torques_for(given, flat_rates(of_joints, of_objects, of_base), near, check=True)
+    found = torques_for(given, flat_rates(of_joints, of_objects, of_base), near, check)
     return MechanismTorques(chain, found.tau[joint_rows(chain)], found.closure_wrench, found.coupling_force)
 
 

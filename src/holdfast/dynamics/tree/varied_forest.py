@@ -157,6 +157,18 @@ def position_rates(forest: Forest, q: Array, qd: Array) -> Array:
     return concatenate(parts)
 
 
+def rates_of_positions(forest: Forest, q: Array, rates: Array) -> Array:
+    """Return qd, (n_v,), from dq/dt, (n_q,): the inverse of `position_rates`, also of quaternions of other lengths."""
+    parts = []
+    for body, at in zip(forest.bodies, forest.positions, strict=True):
+        own, turned = rates[at], q[at][:4]
+        if body.joint.of_kind.pose:
+            back = concatenate([turned[:1], -turned[1:]]) / (turned @ turned)
+            own = concatenate([2.0 * rotation.quaternion_product(own[:4], back)[1:], own[4:]])
+        parts.append(own)
+    return concatenate(parts)
+
+
 def displacement(forest: Forest, before: Array, after: Array) -> Array:
     """Return the step from some positions to others, (n_v,), for `displaced`."""
     parts = []
