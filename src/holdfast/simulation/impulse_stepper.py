@@ -20,6 +20,7 @@ from holdfast.dynamics.contact.fixed_modes import ContactModes, Touch
 from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.solve_contacts import surely
 from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Change
+from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.contact_stepper import ContactStepper

@@ -151,6 +151,12 @@ def test_folder_keeps_contacts(tmp_path):
     assert read.occurrences == run.occurrences
     head = run.to_csv(tmp_path / "run.csv")[0].read_text().splitlines()[0]
     assert "touch_force sphere/floor z [N]" in head
+    reader = pytest.importorskip("mcap_ros2.reader")
+    run.to_mcap(tmp_path / "run.mcap")
+    found = [
+        one.ros_msg.wrench.force.z for one in reader.read_ros2_messages(tmp_path / "run.mcap", "/touch/sphere_floor")
+    ]
+    np.testing.assert_array_equal(found, run.touch_force[:, 0, 2])
 
 
 def require_resumed(chain, state, duration, step, contacts):
