@@ -49,7 +49,7 @@ from holdfast.spatial.vector import largest
 from holdfast.state import Inputs, State
 
 PASSES = 2  # the second has the mean velocity of the step, which makes forces that depend on it second-order
-ROUNDS = 3  # of Newton's method for the positions at the step's end
+ROUNDS_AT_END = 3  # of Newton's method for the positions at the step's end
 OPEN_BY = 1e-13  # m: a deeper penetration is pushed out
 
 
@@ -282,7 +282,7 @@ def _on_grasps_and_contacts(chain: ClosedChain, state: State, held: Array | None
         held: rows of the grasps to impose, see `held_rows`.
         pressed: 1 for each contact that presses, else 0.
     """
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS_AT_END):
         motion = holding(chain_at_rest(chain, state), held, positions=True)
         state = displaced_by(state, _closing(motion, state, pressed))
     return state

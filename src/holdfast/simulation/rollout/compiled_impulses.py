@@ -25,7 +25,7 @@ from holdfast.simulation.rollout.fused_stepper import by_name, hold_rows, option
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, state_rows
 from holdfast.simulation.rollout.stage_values import acting_on, wrench_arrays
-from holdfast.simulation.rollout.traced_impulses import COLD
+from holdfast.simulation.rollout.traced_impulses import WHOLE_PATH
 from holdfast.simulation.rollout.traced_step import RUNNING, TOUCH_WRENCH
 from holdfast.simulation.runge_kutta import MIDPOINT, Tableau
 from holdfast.simulation.stepper import Advance
@@ -110,5 +110,5 @@ def impulse_stepper_for(
     machine = touching is not None and not touching.without_machine_code and bool(chain.arms) and not modes.hands
     if law is None or not (known and stands and machine) or steps < STEPS_WORTH_COMPILING:
         return ImpulseStepper(*of)
-    options = replace(options_for(environment), contacts=COLD)
+    options = replace(options_for(environment), contacts=WHOLE_PATH)
     return CompiledImpulseStepper(*of, StepKernel(chain, law, MIDPOINT, generic_rank, options=options, quick=True))

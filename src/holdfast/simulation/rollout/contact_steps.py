@@ -14,12 +14,12 @@ import numpy as np
 
 from holdfast.simulation.rollout.parts import as_one_step
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_impulses import COLD, WARM
+from holdfast.simulation.rollout.traced_impulses import FROM_LAST, WHOLE_PATH
 from holdfast.simulation.rollout.traced_step import RUNNING, UNLAWFUL
 from holdfast.spatial.scalar import Array
 
-MOST_TOGETHER = 32  # steps
-PARTS = (2, 4, 16)  # of a step whose impulses are not found
+LONGEST_STRETCH = 32  # steps
+PARTS_OF_STEP = (2, 4, 16)  # of a step whose impulses are not found
 
 
 class TakeSteps(Protocol):
@@ -37,11 +37,11 @@ def with_impulses(systems: RolloutSystems, steps: int, take: TakeSteps) -> None:
     shorter ones while there are such systems.
     """
     code, rows, end = systems.arrays["code"], np.flatnonzero(systems.running), systems.arrays["count"] + steps
-    longest = MOST_TOGETHER
+    longest = LONGEST_STRETCH
     while len(rows):
         some = systems if len(rows) == len(systems) else systems.copy(rows)
         left = end[rows] - some.arrays["count"]
-        take(some, some.step_length, way=WARM, steps=int(min(longest, left.min())))
+        take(some, some.step_length, way=FROM_LAST, steps=int(min(longest, left.min())))
         failed = np.flatnonzero(some.arrays["code"] == UNLAWFUL)
         if len(failed):
             few = some.freed(failed)
@@ -49,15 +49,15 @@ def with_impulses(systems: RolloutSystems, steps: int, take: TakeSteps) -> None:
             some.put(failed, few)
         if some is not systems:
             systems.put(rows, some)
-        longest = max(1, longest // 2) if len(failed) else min(2 * longest, MOST_TOGETHER)
+        longest = max(1, longest // 2) if len(failed) else min(2 * longest, LONGEST_STRETCH)
         rows = rows[(code[rows] == RUNNING) & (end[rows] - systems.arrays["count"][rows] > 0.5)]
 
 
 def _step_surely(systems: RolloutSystems, take: TakeSteps) -> None:
     """Take one step in place, without forces to begin with, and in parts where this fails."""
-    cold, before = partial(take, way=COLD), systems.copy()
+    cold, before = partial(take, way=WHOLE_PATH), systems.copy()
     cold(systems, systems.step_length)
-    for parts in PARTS:
+    for parts in PARTS_OF_STEP:
         rows = np.flatnonzero(systems.arrays["code"] == UNLAWFUL)
         if not len(rows):
             return

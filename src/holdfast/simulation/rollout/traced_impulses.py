@@ -16,6 +16,7 @@ from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_i
 from holdfast.control.sampled import within_steps
 from holdfast.dynamics.contact.contact_forces import RESOLVED, FoundForces
 from holdfast.dynamics.contact.pressing import forces_of_near
+from holdfast.dynamics.contact.proximal_newton import COMPLIANCES
 from holdfast.dynamics.projection import LEFT_OPEN, Change, after_step
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import state_fields
@@ -30,8 +31,7 @@ from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array, Scalar, maximum, select, where
 from holdfast.state import Inputs, State
 
-WARM, COLD = "warm", "cold"  # how impulses are found
-COMPLIANCES = (1e-2, 1e-3, 1e-3, 1e-4)  # of Newton's steps from the forces of the step before
+FROM_LAST, WHOLE_PATH = "warm", "cold"  # how impulses are found
 
 
 class TouchingSystem(TracedSystem):
@@ -41,7 +41,7 @@ class TouchingSystem(TracedSystem):
         chain = changed(traced_chain(model.structure, given), touching=model.structure.chain.touching)
         moving = {name: checked_motion(name, motion) for name, motion in model.motions.items()}
         super().__init__(model, given, Environment(chain, moving, traced_inputs(chain, given)))
-        self.begin = None if model.structure.options.contacts == COLD else WARM
+        self.begin = None if model.structure.options.contacts == WHOLE_PATH else FROM_LAST
         self.pushed: Array = np.zeros(6)
         self.finite: Scalar = 0.0
 
