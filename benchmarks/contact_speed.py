@@ -7,7 +7,8 @@ warm    two of Newton's steps from the last forces
 batch   cold, for each of 512 systems in one call
 
 Then the same of forward dynamics of two Pandas whose box stands on a table, with at most four contacts (its corners);
-warm are three of Newton's steps.
+warm are three of Newton's steps. At last the time of a step of a rollout with these contacts, for each of 512 systems
+with slightly different torques, after they have landed, beside that of the midpoint rule without contacts.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import argparse
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from tests.compiler.programs import ArrayKernel
@@ -110,6 +112,7 @@ def main() -> None:
             left = int((kernel(*stacked)[2] > RESOLVED).sum())
             print(f"batch: {1e6 * each:.2f} us a system = {each / F:.1f} F; {left} of {BATCH} left")
     of_chains(min(k, 4), F)
+    of_rollouts(min(k, 4), bound)
 
 
 def of_chains(k: int, F: float) -> None:
@@ -135,6 +138,31 @@ def of_chains(k: int, F: float) -> None:
     out = cold.forward_dynamics(*many)
     each = time_of(lambda: cold.forward_dynamics(*many, out=out), 20) / BATCH
     print(f"forward dynamics, {k} contacts, batch: {1e6 * each:.2f} us a state = {each / F:.1f} F")
+
+
+def of_rollouts(k: int, bound: Any) -> None:
+    """Print the times of steps of a rollout, medians of ratios to F in the same moments."""
+    chain, state = two_pandas()[:2]
+    below = [x for name, x in corners(0.3, 0.2, 0.2).items() if name[2] == "-"]
+    lowest = min((state.object_frame.R @ x + state.object_frame.p)[2] for x in below)
+    points = {f"corner {i}": x for i, x in enumerate(below[:k])}
+    touching = Touching(points, {"table": HalfSpace(offset=lowest - 1e-5, friction=0.5)})
+    tau = hf.holding_torques(replace(chain, held_object=hf.HeldObject.box(2.0, 0.3, 0.2, 0.2)), state)
+    taus = tau * (1.0 + 0.002 * np.random.default_rng(0).normal(size=(BATCH, len(tau))))
+    given = [np.repeat(x[None], BATCH, axis=0) for x in (state.q, state.qd, state.object_pose, state.object_twist)]
+    for name, of in (("contacts", replace(chain, touching=touching)), ("none", chain)):
+        rollout = hf.compile_rollout(of, scheme="midpoint")
+        systems = rollout.start(*given, tau=taus)
+        rollout.step(systems, 1e-3, steps=20)
+        rounds = []
+        for _ in range(10):
+            F, start = time_of(bound.run, 1000), time.perf_counter()
+            rollout.step(systems, 1e-3, steps=20)
+            each = (time.perf_counter() - start) / (20 * BATCH)
+            rounds.append((1e6 * each, each / F))
+        spent, ratio = np.median(rounds, axis=0)
+        going = int(systems.running.sum())
+        print(f"rollout, {name}: {spent:.2f} us a step = {ratio:.1f} F; {going} of {BATCH} go on")
 
 
 def start_of(one: Drawn) -> Array:

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from typing import IO, Any
 
+import numpy as np
+
 from holdfast.dynamics.arm.forward_kinematics import joint_placement
 from holdfast.dynamics.contact_places import tip_frames
 from holdfast.errors import MissingExtra
@@ -59,6 +61,7 @@ def write_mcap(
     | `/object_pose` | PoseStamped | the object's frame in `world` |
     | `/ARM/grasp_wrench` | WrenchStamped | wrench of the arm on the object, about the tip's origin, `ARM/tip` axes |
     | `/ARM/internal_wrench` | WrenchStamped | its internal part, which does not move the object |
+    | `/touch/POINT_SHAPE` | WrenchStamped | force of the world on the object at a candidate of `touching`, no torque |
     | `/base_pose` | PoseStamped | the frame of a trunk's floating base in `world`, if there is one |
     | `/tf` | TFMessage | `world` > `ARM` > `ARM/link1` ... > `ARM/tip`; `world` > `object` > `object/ARM` (contact) |
 
@@ -136,6 +139,10 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
         last = moved[-1][1] if moved else name  # an anchor has no links
         placed = [(below, name, arm.base), *moved, (last, f"{name}/tip", arm.tip)]
         transforms += [_transform(time, *frames) for frames in placed]
+    touches = () if chain.touching is None else chain.touching.names
+    for j, topic in enumerate(_topic_names(touches).values()):
+        at_point = np.concatenate([np.zeros(3), run.touch_force[k, j]])
+        yield f"/touch/{topic}", WRENCH_MESSAGE, _wrench(time, "world", at_point)
     yield "/tf", TRANSFORM_MESSAGE, {"transforms": transforms}
 
 

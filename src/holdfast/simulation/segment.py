@@ -27,7 +27,6 @@ from holdfast.simulation.contact_signals import ContactSignals
 from holdfast.simulation.contact_stepper import ContactStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Event, Happened, Occurrence, happen
-from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
 from holdfast.simulation.run_record import RecordSettings
@@ -138,7 +137,7 @@ class Segment:
         run = self.settings
         if self.contacts is not None:
             of = self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance
-            return ImpulseStepper(*of, self.contacts) if run.by_impulses else run.make_contacts(*of, self.contacts)
+            return run.make_contacts(*of, self.contacts)
         whole = run.make_stepper(self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance)
         if run.scheme.adaptive or run.largest_drift is None:
             return whole

@@ -41,6 +41,7 @@ from holdfast.simulation.hand_events import SLIDE, require_slidable
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.mechanism_segment import MechanismSegment, attached_later, require_openable
 from holdfast.simulation.mechanism_stepper import MechanismSteppers
+from holdfast.simulation.rollout.compiled_impulses import impulse_stepper_for
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
 from holdfast.simulation.rollout.contact_stages import contact_stepper_for
 from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
@@ -220,7 +221,9 @@ def simulate(
     if forest:
         require_openable(chain, policy)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
-    settings = replace(settings, by_impulses=contacts == IMPULSES_WAY, make_contacts=contact_stepper_for)
+    by_impulses = contacts == IMPULSES_WAY
+    make_contacts = partial(impulse_stepper_for, steps=steps) if by_impulses else contact_stepper_for
+    settings = replace(settings, by_impulses=by_impulses, make_contacts=make_contacts)
     settings = replace(settings, make_segment=MechanismSegment) if forest else settings
 
     verified = EVALUATIONS if joint_limits(chain).limited.any() else 1

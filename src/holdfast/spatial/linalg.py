@@ -110,22 +110,31 @@ def largest_first(S: Array, size: Array, tolerance: float = RANK_TOLERANCE) -> t
 def least_solution(A: Array, b: Array) -> Array:
     """Return the least-squares solution of A x = b with the smallest norm, A^T (A A^T)^+ b.
 
-    With A A^T = W D W^T (`largest_first`), the pseudo-inverse of A A^T is W G D^+ G W^T, where G = (W^T W)^+.
-
     Args:
         A: (m, n), rows in one unit; singular values below 1e-6 of the largest count as zero.
         b: (m,).
     """
     if not len(A):
         return np.zeros(A.shape[1])
-    S = A @ A.T
+    return A.T @ pseudo_solution(A @ A.T, b)
+
+
+def pseudo_solution(S: Array, b: Array) -> Array:
+    """Return S^+ b for a positive semidefinite matrix, the least-squares solution with the smallest norm.
+
+    With S = W D W^T (`largest_first`), the pseudo-inverse is W G D^+ G W^T, where G = (W^T W)^+.
+
+    Args:
+        S: (m, m), rows in one unit; eigenvalues below 1e-12 of the largest diagonal entry count as zero.
+        b: (m,).
+    """
     d, w = largest_first(S, array([reduce(maximum, np.diag(S), 0.0)] * len(S)))
     W = array(w).T
     gram = W.T @ W
     factors = ldl(gram, np.ones(len(d)))  # a null column drops out by itself
     y = ldl_solve(factors, W.T @ b)
     inverse = [where(x > 0.0, 1.0 / where(x > 0.0, x, 1.0), 0.0) for x in d]
-    return A.T @ (W @ ldl_solve(factors, array(inverse) * y))
+    return W @ ldl_solve(factors, array(inverse) * y)
 
 
 def in_range(A: Array, b: Array, rank: int) -> Array:

@@ -8,11 +8,12 @@ problem, as contacts whose rows are zero and which separate: the length is fixed
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.contact.contact_forces import RESOLVED, cold_forces, contact_problem, found_forces
+from holdfast.dynamics.contact.contact_forces import RESOLVED, FoundForces, cold_forces, contact_problem, found_forces
 from holdfast.dynamics.contact.proximal_newton import polished
 from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.solved_contacts import ContactStatus
@@ -62,32 +63,59 @@ def pressing(touching: Touching, state: State, mobility: Array, alpha: Array, st
     """
     twist = state.object_twist
     rows = contact_rows(touching, state.object_frame, twist)
-    least, k = LEAST_SLIP * maximum(1.0, largest(twist)), len(touching.candidates)
+    least = LEAST_SLIP * maximum(1.0, largest(twist))
     u = rows.velocity(twist)
     near = [where(gap <= CLOSED, where(one[2] <= least, 1.0, 0.0), 0.0) for gap, one in zip(rows.gap, u, strict=True)]
-    free = rows.C @ alpha + rows.drift
-    size = largest(closed * x for closed, b in zip(near, free, strict=True) for x in b)
 
-    def of_contact(closed: Scalar, C: Array, b: Array, v: Array) -> tuple[Array, Array, Array]:
+    def sliding(closed: Scalar, v: Array) -> Array:
         speed = sqrt(v[:2] @ v[:2])
         moves = where(speed > least, closed, 0.0) > 0.0
-        slide = where(moves, reciprocal(where(moves, speed, 1.0)), 0.0) * v[:2]
-        away = array([0.0, 0.0, SEPARATING * size])
-        return select(closed > 0.0, C, 0.0 * C), select(closed > 0.0, b, away), slide
+        return where(moves, reciprocal(where(moves, speed, 1.0)), 0.0) * v[:2]
 
-    parts = each(of_contact, near, rows.C, free, u)
-    C, b, slide = (array(x) for x in zip(*parts, strict=True))
-    problem = contact_problem(mobility, C, b, rows.friction, np.zeros(k), slide, False)
-    if start is None:
-        forces, residual = cold_forces(problem)
-    else:
-        forces, residual = polished(problem.contacts, _given(rows, start), WARM, (1.0,))
-    found = found_forces(problem, forces, residual)
+    slide = array(each(sliding, near, u))
+    found = forces_of_near(mobility, rows, rows.C @ alpha + rows.drift, slide, near, start)
     failed = where(found.residual <= RESOLVED, 0.0, 1.0)
     slowest = [closed * where(one[2] < -least, 1.0, 0.0) for closed, one in zip(near, u, strict=True)]
     return Pressing(
         rows.in_world(found.force), rows.gap, found.mode, failed, found.residual, found.wrench, largest(slowest)
     )
+
+
+def forces_of_near(
+    mobility: Array,
+    rows: ContactRows,
+    free: Array,
+    slide: Array,
+    near: Sequence[Scalar],
+    start: Array | None,
+    compliances: tuple[float, ...] = WARM,
+) -> FoundForces:
+    """Return the forces of some contacts by a fixed number of steps; the others get none. O(k).
+
+    Args:
+        mobility: (6, 6) P of the object in the chain.
+        rows: all contacts.
+        free: (k, 3) their accelerations, or velocities, without forces.
+        slide: (k, 2) unit directions in which contacts slide already, 0 for those at rest.
+        near: 1 for each contact that takes part, else 0.
+        start: (k, 3) forces of a similar problem, world axes, from which Newton's steps are taken; None: the whole
+            path.
+        compliances: those of Newton's steps from `start`.
+    """
+    largest_near = largest(one * x for one, b in zip(near, free, strict=True) for x in b)
+    size = where(largest_near > 0.0, largest_near, 1.0)
+
+    def of_contact(one: Scalar, C: Array, b: Array) -> tuple[Array, Array]:
+        away = array([0.0, 0.0, SEPARATING * size])
+        return select(one > 0.0, C, 0.0 * C), select(one > 0.0, b, away)
+
+    C, b = (array(x) for x in zip(*each(of_contact, near, rows.C, free), strict=True))
+    problem = contact_problem(mobility, C, b, rows.friction, np.zeros(len(rows.gap)), slide, False)
+    if start is None:
+        forces, residual = cold_forces(problem)
+    else:
+        forces, residual = polished(problem.contacts, _given(rows, start), compliances, (1.0,))
+    return found_forces(problem, forces, residual)
 
 
 def _given(rows: ContactRows, start: Array) -> list[Array]:

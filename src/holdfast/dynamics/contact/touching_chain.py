@@ -14,12 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, pseudo_gravity
+from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.object_motion import object_motion
 from holdfast.dynamics.closed.sequential import sequential, tips_of
 from holdfast.dynamics.closed.tip_response import TipResponse, responded
 from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.solve_contacts import solve_contacts
 from holdfast.dynamics.contact.solved_contacts import ContactSolution, ContactStatus
+from holdfast.dynamics.projection import Change
 from holdfast.dynamics.tree.of_chain import object_response, solved_again
 from holdfast.errors import ContactError, StateError
 from holdfast.model.world.touching import Touching
@@ -180,6 +182,45 @@ def pushed(motion: ChainMotion, state: State, wrench: Array) -> ChainMotion:
     body = object_motion(motion.chain.held_object, state.object_frame, state.object_twist, total)
     case = None if motion.object_case is None else motion.object_case._replace(wrench=total)
     return replace(motion, body=body, object_case=case)
+
+
+class PushResponse(NamedTuple):
+    """How a chain at rest gives way to wrenches on its object, by one factorisation for all of them.
+
+    Attributes:
+        motion: the chain at rest.
+        state: its positions, at rest.
+        free: the solution by `sequential` without any wrench.
+        tips: the tip responses of the arms.
+    """
+
+    motion: ChainMotion
+    state: State
+    free: Solution
+    tips: Mapping[str, TipResponse]
+
+    @property
+    def mobility(self) -> Array:
+        """The object's mobility P in the chain, (6, 6), about C, world axes."""
+        return mobility_found(self.motion, self.free, self.tips)
+
+    def change(self, wrench: Array) -> Change:
+        """Return the change of all velocities by an impulse (6,) on the object about C, world axes."""
+        loaded = pushed(self.motion, self.state, wrench)
+        found = with_push(loaded, self.free, self.tips, wrench)
+        whole = chain_solution(loaded, found, "auto")
+        return Change(whole.qdd, found.object_acceleration, whole.base_acceleration)
+
+
+def push_response(still: ChainMotion, state: State) -> PushResponse:
+    """Return the response of a chain at rest. O(n) + O(l).
+
+    Args:
+        still: the chain at rest, with the rows that its grasps impose.
+        state: its positions.
+    """
+    tips = tips_of(still)
+    return PushResponse(still, state.at_rest(), sequential(still, tips=tips), tips)
 
 
 def require_resolved(found: ContactSolution, names: tuple[str, ...]) -> None:

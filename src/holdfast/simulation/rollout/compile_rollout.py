@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from holdfast.compiled.structure import optional_parameters, require_rank
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_torques
 from holdfast.control.traced_law import law_of, require_function
-from holdfast.errors import ModelError
+from holdfast.errors import MethodNotApplicable, ModelError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import require_machine_code, serial_chain, without_contacts
+from holdfast.model.serial_chain import require_machine_code, serial_chain
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs, take_state
 from holdfast.simulation.rollout.arguments import require_free_names
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.user_functions import require_functions
+from holdfast.simulation.runge_kutta import MIDPOINT
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 
 
@@ -21,7 +22,7 @@ def compile_rollout(
     chain: ClosedChain,
     law: ControlLaw | Controller | None = None,
     *,
-    scheme: str = "rk4",
+    scheme: str | None = None,
     generic_rank: int | None = None,
     base_motion: Mapping[str, BaseMotion] | None = None,
     inputs: GivenInputs | None = None,
@@ -30,13 +31,17 @@ def compile_rollout(
     """Compile the steps of a chain with a control law to machine code for this computer.
 
     A step consists of the stages of the scheme, followed by two Newton iterations that project the positions onto the
-    grasps, and a projection of the velocities, both in the kinetic metric.
+    grasps, and a projection of the velocities, both in the kinetic metric. A chain with `touching` takes the steps of
+    `simulate(contacts="steps")`: the midpoint rule with impulses of contacts. They begin with the forces of the step
+    before, which the systems keep as `touch_force`, and are found anew where these do not lead to impulses that satisfy
+    the laws; the status of a system in which none are found is UNLAWFUL.
 
     Args:
         chain: arms, object and grasps.
         law: a `ControlLaw`, or a controller of the library that can be traced. Without a law, the torques are passed to
             every call as `tau` and are constant during each step.
-        scheme: `rk4`, or `midpoint`, which is of second order and needs half as many evaluations.
+        scheme: `rk4`, the default; or `midpoint`, which is of second order, needs half as many evaluations, and is the
+            only one with `touching`.
         generic_rank: rank of the grasp constraint away from singular configurations; by default it is determined from
             the first systems.
         base_motion: functions t -> (pose, twist, acceleration) of moving bases, by arm name or "trunk", as for
@@ -54,16 +59,21 @@ def compile_rollout(
         ModelError: the scheme is unknown or adaptive, a parameter of the law has the name of another argument, a base
             motion belongs to no arm, the inputs are not a function of (t) or (t, state), or one of these functions
             depends on more than its arguments.
+        MethodNotApplicable: the chain is no chain of serial arms, has no arm, or its contacts need another scheme.
         StateError: an optional group of arguments is unknown, or `generic_rank` is not a rank.
         CompileError: (at the first start) the law, a base motion or the inputs cannot be traced; the message names the
             line.
     """
-    if scheme_of(scheme).adaptive:
+    named = scheme or ("rk4" if getattr(chain, "touching", None) is None else MIDPOINT.name)
+    if scheme_of(named).adaptive:
         raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
     if not isinstance(chain, ClosedChain):
         raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
     serial_chain(chain, "rollout: chain")
-    without_contacts(chain, "rollout")
+    if chain.touching is not None and named != MIDPOINT.name:
+        raise MethodNotApplicable(
+            f"rollout: scheme: expected 'midpoint' with contacts, got {named!r}; try it, or no scheme"
+        )
     require_machine_code(chain, "rollout")
     require_rank(generic_rank, chain, "rollout")
     traced = held_torques(chain.joint_count) if law is None else _traced(law, chain)
@@ -75,7 +85,7 @@ def compile_rollout(
     if inputs is not None:
         take_state(inputs)
     require_functions(motions, inputs, chain)
-    return Rollout(chain, traced, scheme, generic_rank, motions, options, inputs)
+    return Rollout(chain, traced, named, generic_rank, motions, options, inputs)
 
 
 def _traced(law: ControlLaw | Controller, chain: ClosedChain) -> ControlLaw:

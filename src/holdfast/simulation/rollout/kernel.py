@@ -29,10 +29,11 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.questions.arrays import BASE_MOTION, CONTACTS, link_parameters, shapes
 from holdfast.simulation.accounts import Forces
+from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.joint_friction import joint_friction
-from holdfast.simulation.rollout import stage_values, traced_step
+from holdfast.simulation.rollout import stage_values, traced_impulses, traced_step
 from holdfast.simulation.rollout.between_steps import SMALLEST_FORCES, SystemQuestion
 from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
@@ -55,7 +56,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dic
     """
     n, grasps, memory = chain.joint_count, (len(chain.grasps),), (len(law.memory),)
     own: dict[str, Shape] = {"slope": (increment_size(chain),), "drive": (n,), "memory": memory}
-    own |= {"rank": (), "condition": (), "margin": grasps}
+    own |= {"rank": (), "condition": (), "margin": grasps, TOUCH_WRENCH: (6,)}
     known = shapes(chain) | own
     found = {name: known[name] for name in traced_step.step_results(chain)}
     found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
@@ -182,6 +183,7 @@ class StepKernel:
         externals = step_externals(structure, law)
         self.model = model = traced_step.StepModel(structure, law, self.motions, acting)
         take_step = stage_values.step if structure.options.stages else traced_step.step
+        take_step = traced_impulses.step if structure.options.contacts else take_step
         step, slopes = partial(take_step, model, tableau), partial(traced_step.evaluation, model)
         self.step_code = batch_kernel(self.computation(f"step/{tableau.name}", externals, step), quick)
         self._slopes = batch_kernel(self.computation("evaluation", externals, slopes), quick)

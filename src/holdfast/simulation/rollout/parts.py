@@ -105,12 +105,16 @@ def subdivided(systems: RolloutSystems, limit: float, order: int, advance: TakeS
     parts = np.where(far, MOST_SUBSTEPS, parts_needed(drift, limit, order))
     for count in np.unique(parts[before.running & (parts > 1)]):
         rows = np.flatnonzero(before.running & (parts == count))
-        begin = before.copy(rows)
-        end = in_parts(begin, int(count), advance)
-        on, t = end.running, end.t
-        end.begin, end.step_length = np.where(on, begin.begin, t), begin.step_length
-        end.arrays["count"][...] = np.where(on, begin.arrays["count"] + 1.0, 0.0)
-        systems.put(rows, end)
+        systems.put(rows, as_one_step(before.copy(rows), int(count), advance))
+
+
+def as_one_step(begin: RolloutSystems, parts: int, advance: TakeStep) -> RolloutSystems:
+    """Return systems after a step in equal parts, which counts as one; a system that stops keeps its own time."""
+    end = in_parts(begin, parts, advance)
+    on, t = end.running, end.t
+    end.begin, end.step_length = np.where(on, begin.begin, t), begin.step_length
+    end.arrays["count"][...] = np.where(on, begin.arrays["count"] + 1.0, 0.0)
+    return end
 
 
 def in_parts(begin: RolloutSystems, parts: int, advance: TakeStep) -> RolloutSystems:

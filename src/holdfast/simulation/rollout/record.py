@@ -25,8 +25,11 @@ from holdfast.names import called
 from holdfast.questions.arrays import LINKS, TRUNK_LINKS, link_rows, state_fields
 from holdfast.simulation.accounts import accounts_of
 from holdfast.simulation.balance import Sums
+from holdfast.simulation.contact_events import IMPULSES_WAY
+from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Occurrence
+from holdfast.simulation.impulse_stepper import touch_of
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, stop_margins, whole_number
@@ -201,6 +204,7 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     run = replace(part_of(run, order, happened), stopped=stopped, every=stride)
     moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
     options = {"scheme": rollout.scheme, **arguments.options}
+    options |= {} if rollout.chain.touching is None else {"contacts": IMPULSES_WAY}
     name, duration = f"system {number}", float(record.t[-1] - record.t[0])
     return replace(run, setting=Setting(world.chain, moved, name, duration, arguments.step, options))
 
@@ -280,6 +284,9 @@ def _recorded(
         )
     inputs, parameters = kernel_arguments(rollout.kernel, last.call_inputs)
     now = {**inputs, "begin": x["t"], "step": np.array(0.0), "held": np.array(1.0)}
+    if TOUCH_WRENCH in x:
+        now["object_wrench"] = inputs["object_wrench"] + x[TOUCH_WRENCH]
+        x["touch_mode"] = x["touch_mode"].astype(int)
     rollout.kernel.choose_forces({name: x[name] for name in rollout.kernel.carried}, now, parameters)
     margins, t = signals.of_arrays(x), x["t"]
     of_grasps = margins[:, : len(world.chain.arms)]
@@ -296,7 +303,9 @@ def _recorded(
 def _sample(world: Environment, rollout: Any, x: Mapping[str, Array]) -> Trajectory:
     """Return a sample of a system with the given arrays, with its current torques."""
     state, tau = State(**{field: x[name] for name, field in state_fields(rollout.chain).items()}), x["drive"]
-    now = evaluate(world, lambda *_: (tau, None), float(x["t"]), state, None, generic_rank=rollout.generic_rank)
+    contacts = None if "touch_force" not in x else partial(touch_of, x["touch_force"], x["touch_mode"].astype(int))
+    how: Any = {"generic_rank": rollout.generic_rank, "contacts": contacts}
+    now = evaluate(world, lambda *_: (tau, None), float(x["t"]), state, None, **how)
     gaps, sums = Gaps(*x["gaps"].reshape(2, 2).T), Sums(x["work"], 0.0, np.zeros(6))
     margins = Signals(world.chain).of(now)[None]
     return sample(world, partial(accounts_of, world), now, gaps, sums, np.array([now.t]), margins, array_names())

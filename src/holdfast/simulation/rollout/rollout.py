@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -19,6 +18,7 @@ from holdfast.dynamics.grasp_gap import POSITION_TOLERANCE
 from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import without_contacts
 from holdfast.names import called
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
@@ -48,7 +48,7 @@ from holdfast.simulation.rollout.systems import RolloutSystems, passive_rates
 from holdfast.simulation.rollout.tape import Tape
 from holdfast.simulation.rollout.traced_step import GRASP_OPEN, LIMITED, PASSES_SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
-from holdfast.simulation.runge_kutta import IMEX, Tableau
+from holdfast.simulation.rollout.ways import kernels_of, take_steps
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.simulation.stability import USED, surely_stable_step
 from holdfast.spatial.scalar import Array
@@ -68,6 +68,7 @@ class Rollout:
         base_motion: motions of the moving bases, by arm name.
         inputs: wrenches that act in addition to those passed to calls; None for none.
         options: options of the machine code.
+        kernels: the machine code of a step, by the ways of `rollout.ways`.
     """
 
     def __init__(
@@ -82,24 +83,13 @@ class Rollout:
     ) -> None:
         self.chain, self.law, self.scheme, self.generic_rank = chain, law, scheme, generic_rank
         self.base_motion, self.options, self.inputs = base_motion, options, inputs
-        self._kernels = self._kernels_for(generic_rank)
+        self.kernels = kernels_of(self)
         self._stable_step = surely_stable_step(chain, np.zeros(chain.joint_count), scheme_of(scheme))
 
     @property
     def kernel(self) -> StepKernel:
         """The machine code of a step of the scheme."""
-        return self._kernels[False]
-
-    def _kernels_for(self, generic_rank: int | None) -> dict[bool, StepKernel]:
-        """Return the kernel of the scheme (key False) and that of the linearly implicit scheme (key True)."""
-        rank = -1 if generic_rank is None else generic_rank
-
-        def of(tableau: Tableau) -> StepKernel:
-            options = replace(self.options, resolution=not tableau.implicit)
-            surroundings: Any = {"motions": self.base_motion, "acting": self.inputs, "options": options}
-            return StepKernel(self.chain, self.law, tableau, rank, **surroundings)
-
-        return {False: of(scheme_of(self.scheme)), True: of(IMEX)}
+        return next(iter(self.kernels.values()))
 
     def __repr__(self) -> str:
         """Return the scheme, the parameters of the law, and the chain."""
@@ -349,8 +339,10 @@ class Rollout:
             **given: as for `step`.
 
         Raises:
+            MethodNotApplicable: the chain has `touching`: steps with a touch have no derivative.
             StateError: a shape or name is wrong.
         """
+        without_contacts(self.chain, "rollout: tape")
         require_systems(systems)
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
         return Tape(self, systems, step, steps, every, record, schedule or {}, options, given)
@@ -361,7 +353,7 @@ class Rollout:
         given = {name: systems.arrays[name].copy() for name in state_fields(self.chain)}
         if self.generic_rank is None and (near := next(closed_systems(self, systems), None)) is not None:
             self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
-            self._kernels = self._kernels_for(self.generic_rank)
+            self.kernels = kernels_of(self)
         close = partial(self.advance_unconfirmed, h=systems.step_length, steps=1, least=NO_STOPS, threads=threads)
         if "held_rows" in self.kernel.carried:
             hold_rows(self, systems, close)
@@ -387,13 +379,4 @@ class Rollout:
     ) -> None:
         """Take steps, without confirming what stops; with `wait`, not those that may not follow the motion."""
         systems.set_step_length(h)
-        stiff = self.stiff(systems)
-        for implicit in (False, True) if stiff.any() else (False,):
-            kernel, rows = self._kernels[implicit], np.flatnonzero(stiff == implicit)
-            if not len(rows):
-                continue
-            part = systems if len(rows) == len(systems) else systems.copy(rows)
-            inputs, parameters = kernel_arguments(kernel, part.call_inputs)
-            kernel.run(part.arrays, inputs | step_inputs(part, least, wait), parameters, steps, threads)
-            if part is not systems:
-                systems.put(rows, part)
+        take_steps(self, systems, steps, least, threads, wait)

@@ -36,6 +36,7 @@ class RolloutStatus(Enum):
     TOO_LONG = "its steps are too long: it diverges, or the next shows a slip, limit or singularity that halves do not"
     LIMITED = "a joint passes a limit of its position, rate or effort within the next step"
     UNRESOLVED = "goes on, but a step was too long: its halves differ by more than 1 % of the largest velocity so far"
+    UNLAWFUL = "no impulses that satisfy the laws of contact are found in the next step, nor in sixteenths of it"
 
 
 _ATTRIBUTES = ("chain", "arrays", "begin", "step_length", "call_inputs", "under", "started_from")
@@ -96,6 +97,13 @@ class RolloutSystems:
         "(systems, arms, 6) [moment; force] of each arm on the object about the contact, world axes; where the forces"
         " are not unique, one solution.",
     )
+    touch_force: Array = _carried(
+        "touch_force",
+        "(systems, k, 3) mean force of the world on the object at every candidate of `touching` in the last step, world"
+        " axes [N]; with it the next step begins to look for its own.",
+    )
+    touch_gap: Array = _carried("touch_gap", "(systems, k) distances between the candidates and their shapes [m].")
+    touch_mode: Array = _carried("touch_mode", "(systems, k) numbers of `ContactMode` in the last step.")
     memory: Array = _carried("memory", "(systems, m) what the control law carries on.")
     margin: Array = _carried(
         "margin",

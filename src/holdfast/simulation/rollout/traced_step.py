@@ -29,6 +29,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, state_fields
 from holdfast.simulation.adaptive import allowed_error, error_ratio
 from holdfast.simulation.balance import work_rates
+from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.environment import Environment, GivenInputs
 from holdfast.simulation.increment import accelerations_of, increment_rate, no_turns, velocities_of
 from holdfast.simulation.instant import WORST_CONDITION
@@ -44,10 +45,12 @@ from holdfast.state import Inputs, State
 
 # Status codes of the machine code. The machine code itself does not return TOO_LONG, which is determined afterwards.
 # UNRESOLVED: the step may not follow the motion; the system waits until this has been judged, and goes on.
-RUNNING, SLIPPED, PASSES_SINGULAR, GRASP_OPEN, BROKEN, TOO_LONG, LIMITED, UNRESOLVED = range(8)
+# UNLAWFUL: impulses of contacts violate their laws; the step is taken again in other ways.
+RUNNING, SLIPPED, PASSES_SINGULAR, GRASP_OPEN, BROKEN, TOO_LONG, LIMITED, UNRESOLVED, UNLAWFUL = range(9)
 
 OF_SOLUTION = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench", "contact_acceleration")
 STEP_RESULTS = ("slope", *OF_SOLUTION, "drive", "memory", "rank", "condition", "margin")
+OF_TOUCH = ("touch_force", "touch_gap", "touch_mode", TOUCH_WRENCH)  # of the step that ends there
 OF_TRUNK_RESULTS = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}
 
 
@@ -55,7 +58,8 @@ def step_results(chain: ClosedChain) -> tuple[str, ...]:
     """Return the names of the arrays that are known at the end of a step."""
     of_trunk = [] if chain.trunk is None else ["trunk_base_wrench"]
     of_trunk += ["floating_acceleration"] if chain.floats else []
-    return *state_fields(chain), *STEP_RESULTS, *of_trunk
+    of_touch = () if chain.touching is None else OF_TOUCH
+    return *state_fields(chain), *STEP_RESULTS, *of_trunk, *of_touch
 
 
 class Evaluation(NamedTuple):
@@ -107,6 +111,8 @@ class TracedSystem:
         law: the control law.
         worst: (2,) the worst condition and status of all evaluations so far.
         conditions: the conditions of all evaluations so far.
+        touches: carried arrays of contacts with the world at the step's end, by name.
+        unlawful: 1 if impulses of these contacts violate their laws, else 0.
     """
 
     def __init__(self, model: StepModel, given: Given, environment: Environment | None = None) -> None:
@@ -121,6 +127,8 @@ class TracedSystem:
         self.friction = joint_friction(structure.chain)
         self.worst = np.zeros(2)
         self.conditions: list[Scalar] = []
+        self.touches: dict[str, Array] = {}
+        self.unlawful: Scalar = 0.0
 
     @property
     def state(self) -> State:
@@ -259,7 +267,7 @@ def step_of(system: TracedSystem, tableau: Tableau) -> dict[str, Any]:
     kept |= {"drive": now.drive, "memory": now.memory, "rank": array(found.rank), "condition": array(found.condition)}
     R, contacts = end.object_frame.R, given[CONTACTS]
     kept["margin"] = margins_of_grasps(system.real, contacts, R, given["grasp_R"], whole.grasp_wrench)
-    kept |= {} if found.held is None else {"held_rows": found.held}
+    kept |= ({} if found.held is None else {"held_rows": found.held}) | system.touches
     passed = passes_singular(system, tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, drift, gaps, passed)
     code, known = resolution(system, end, kept, code) if "last.resolution" in given else (code, {})
@@ -296,6 +304,8 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps:
     fault = where(total < float("inf"), fault, float(BROKEN))
     for margin in margins:  # infinite where nothing limits, not-a-number where squares of forces overflow
         fault = where(margin <= float("inf"), fault, float(BROKEN))
+    if system.touches:
+        fault = where(system.unlawful < 0.5, fault, float(UNLAWFUL))
     code = system.last("code")[()]
     return where(code > 0.5, code, fault)
 

@@ -1,0 +1,64 @@
+"""Steps of many systems with impulses of contacts, which are found in ever surer ways.
+
+First by a few of Newton's steps from the forces of the step before; for systems in which these do not satisfy the laws,
+by the whole path of an interior point; for what is left, in equal parts of the step. A system that is still left stops,
+with a status that says so. Which way a system goes depends on that system alone, and so do its bits.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from holdfast.simulation.rollout.parts import as_one_step
+from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.traced_impulses import FROM_LAST, WHOLE_PATH
+from holdfast.simulation.rollout.traced_step import RUNNING, UNLAWFUL
+from holdfast.spatial.scalar import Array
+
+LONGEST_STRETCH = 32  # steps
+PARTS_OF_STEP = (2, 4, 16)  # of a step whose impulses are not found
+
+
+class TakeSteps(Protocol):
+    """Takes steps of a length (systems,) in place; a system whose impulses are not found keeps its state."""
+
+    def __call__(self, systems: RolloutSystems, h: Array, *, way: str, steps: int = 1) -> None:
+        """Take the steps, with impulses "warm" or "cold"."""
+        ...
+
+
+def with_impulses(systems: RolloutSystems, steps: int, take: TakeSteps) -> None:
+    """Take steps in place, with the systems' step lengths.
+
+    A system whose impulses are not found waits for the others, so that steps are taken in short stretches, and in ever
+    shorter ones while there are such systems.
+    """
+    code, rows, end = systems.arrays["code"], np.flatnonzero(systems.running), systems.arrays["count"] + steps
+    longest = LONGEST_STRETCH
+    while len(rows):
+        some = systems if len(rows) == len(systems) else systems.copy(rows)
+        left = end[rows] - some.arrays["count"]
+        take(some, some.step_length, way=FROM_LAST, steps=int(min(longest, left.min())))
+        failed = np.flatnonzero(some.arrays["code"] == UNLAWFUL)
+        if len(failed):
+            few = some.freed(failed)
+            _step_surely(few, take)
+            some.put(failed, few)
+        if some is not systems:
+            systems.put(rows, some)
+        longest = max(1, longest // 2) if len(failed) else min(2 * longest, LONGEST_STRETCH)
+        rows = rows[(code[rows] == RUNNING) & (end[rows] - systems.arrays["count"][rows] > 0.5)]
+
+
+def _step_surely(systems: RolloutSystems, take: TakeSteps) -> None:
+    """Take one step in place, without forces to begin with, and in parts where this fails."""
+    cold, before = partial(take, way=WHOLE_PATH), systems.copy()
+    cold(systems, systems.step_length)
+    for parts in PARTS_OF_STEP:
+        rows = np.flatnonzero(systems.arrays["code"] == UNLAWFUL)
+        if not len(rows):
+            return
+        systems.put(rows, as_one_step(before.copy(rows), parts, cold))
