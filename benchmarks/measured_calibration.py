@@ -54,7 +54,7 @@ def table(path: Path) -> dict[str, Any]:
         raise ValueError(f"expected columns {', '.join(absent)}; got {', '.join(titles)}")
     at = [titles.index(name) for name in NEEDED]
     numbers = np.array([[number(row[k]) if k < len(row) else np.nan for k in at] for row in rows]).reshape(-1, len(at))
-    whole = np.isfinite(numbers).all(axis=1)
+    whole = np.asarray(np.isfinite(numbers).all(axis=1))
     if not whole.any():
         raise ValueError(f"expected rows of numbers, got none in {len(rows)} rows")
     if not whole.all():

@@ -12,7 +12,7 @@ slip before. Only then can the time of the stop be located as the zero of a smoo
 
 Friction turns a slip into its own direction in the time |u_t| / (mu lambda_n |C_t P C_t^T|), which is next to nothing
 where slip begins. There the direction follows from the law: acceleration and friction are opposite, a_t = s t and
-lambda_t = -mu lambda_n t with s >= 0. Such a contact imposes its rows across t besides, and t is found by repetition.
+lambda_t = -mu lambda_n t with s >= 0. These t are found by Newton's method, for all contacts that begin at once.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from holdfast.state import State
 STOPPED_SPEED = 1e-6  # m/s: a slower slip has stopped
 SLOWEST_SLIP = 1e-7  # m/s: a slower slip has no direction of its own
 BEGINS_FOR = 5e-4  # s: the time in which friction turns a slip from which its direction is its own
-MOST_TURNS, SAME_DIRECTION = 30, 1e-13
+MOST_TURNS, SAME_SLIP = 30, 1e-13
 STRAIGHT = 1e-9  # of the acceleration by friction: less across a slip does not turn it
-DEPENDENT = 1e-11  # singular values below this part of the largest are those of dependent rows
+DEPENDENT_ROWS = 1e-11  # singular values below this part of the largest are those of dependent rows
 SETTLED_GAP = 1e-15  # m
 ROUNDS = 3
 
@@ -73,18 +73,17 @@ class ContactModes(Frozen):
         """The indices of the contacts that are closed."""
         return np.flatnonzero(self.mode != ContactMode.OPEN)
 
-    def imposed(self, directions: Array) -> tuple[Array, Array]:
+    def imposed(self, directions: Array | None = None) -> tuple[Array, Array]:
         """Return contact (m,) and unit vector (m, 3 or 4) in contact axes of every imposed row.
 
         Args:
-            directions: (k, 2 or 3) of the slips, contact axes.
+            directions: (k, 2 or 3) of the slips, contact axes, to impose the rows across those that begin besides.
         """
         of, units, d = [], [np.zeros((0, self.slip.shape[1]))], self.slip.shape[1]
         for j in self.closed.tolist():
             rows = np.eye(d) if self.mode[j] == ContactMode.STICKS else np.eye(d)[2:3]
-            if j in self.begins:
-                across = np.insert(np.linalg.svd(directions[j : j + 1])[2][1:], 2, 0.0, axis=1)
-                rows = np.concatenate([rows, across])
+            if directions is not None and j in self.begins:
+                rows = np.concatenate([rows, np.insert(_across(directions[j]), 2, 0.0, axis=1)])
             of += [j] * len(rows)
             units.append(rows)
         return np.array(of, dtype=int), np.concatenate(units)
@@ -173,42 +172,70 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
 def _along_law(
     rows: ContactRows, P: Array, acceleration: Array, modes: ContactModes, directions: Array
 ) -> tuple[Array, tuple[Array, Array]]:
-    """Return the directions of slips, of those that begin by the law, and what `_imposing` returns for them.
-
-    A direction that is off by d gives friction that is off by -q d, q the acceleration over the one that friction
-    gives, so that the mean (t_friction + q t) / (1 + q) is right at once if the mobility has no preferred direction.
-    """
-    for _ in range(MOST_TURNS):
-        found = force, moving = _imposing(rows, P, acceleration, modes, directions)
-        turned, along = directions.copy(), tangents(force)
-        for j in modes.begins:
-            C, size = rows.C[j, along], float(np.linalg.norm(force[j, along]))
-            if size > 0.0 > force[j, along] @ directions[j]:
-                a, given = directions[j] @ (C @ moving + rows.drift[j, along]), size * np.linalg.norm(C @ P @ C.T, 2)
-                mean = max(a, 0.0) / given * directions[j] - force[j, along] / size
-                turned[j] = mean / np.linalg.norm(mean)
-        off = np.abs(turned - directions).max(initial=0.0)
-        directions = turned
-        if off < SAME_DIRECTION:
+    """Return the directions of slips, of those that begin by the law, and what `_imposing` returns for them."""
+    force, moving, held = _imposing(rows, P, acceleration, modes, directions)
+    for _ in range(MOST_TURNS if modes.begins else 0):
+        turned = _turned(rows, held, modes, directions, force, moving)
+        off = np.abs(turned - directions).max()
+        if off < SAME_SLIP:
             break
-    return directions, found
+        directions = turned
+        force, moving, held = _imposing(rows, P, acceleration, modes, directions)
+    return directions, (force, moving)
+
+
+def _turned(
+    rows: ContactRows, held: Array, modes: ContactModes, directions: Array, force: Array, moving: Array
+) -> Array:
+    """Return the directions of slips after a step of Newton's method, in which those that begin turn by delta.
+
+    With the rows E across them, friction changes by -mu lambda_n delta and the acceleration across by E held E^T of
+    that, so that it is along the slip again if (diag(a_along) + E held E^T mu lambda_n) delta = a_across.
+
+    Args:
+        rows: the contacts.
+        held: (m, m) mobility of object and tips while the imposed rows are kept.
+        modes: the modes.
+        directions: (k, 2 or 3) of the slips, contact axes.
+        force: (k, 3 or 4) forces.
+        moving: acceleration of object and tips.
+    """
+    along, begins, turned = tangents(force), sorted(modes.begins), directions.copy()
+    across = [_across(directions[j]) for j in begins]
+    a = [rows.C[j, along] @ moving + rows.drift[j, along] for j in begins]
+    E = np.concatenate([B @ rows.C[j, along] for B, j in zip(across, begins, strict=True)])
+    count = [len(B) for B in across]
+    forwards = np.repeat([max(directions[j] @ one, 0.0) for j, one in zip(begins, a, strict=True)], count)
+    given = np.repeat([rows.friction[j] * max(force[j, 2], 0.0) for j in begins], count)
+    aside = np.concatenate([B @ one for B, one in zip(across, a, strict=True)])
+    delta = np.linalg.lstsq(np.diag(forwards) + E @ held @ E.T * given, aside, rcond=DEPENDENT_ROWS)[0]
+    for j, B, part in zip(begins, across, np.split(delta, np.cumsum(count)[:-1]), strict=True):
+        found = directions[j] + part @ B
+        turned[j] = found / np.linalg.norm(found)
+    return turned
+
+
+def _across(direction: Array) -> Array:
+    """Return an orthonormal basis of what is across a direction of slip, (1 or 2, 2 or 3)."""
+    return np.linalg.svd(direction[None])[2][1:]
 
 
 def _imposing(
     rows: ContactRows, P: Array, acceleration: Array, modes: ContactModes, directions: Array
-) -> tuple[Array, Array]:
-    """Return the forces that keep the imposed rows at rest, and the acceleration of object and tips with them."""
-    of, units = modes.imposed(directions)
+) -> tuple[Array, Array, Array]:
+    """Return the forces that keep the imposed rows, and acceleration and mobility of object and tips with them."""
+    of, units = modes.imposed()
     force, gives = np.zeros(modes.slip.shape), units.copy()
-    slips = (modes.mode[of] == ContactMode.SLIPS) & (units[:, 2] != 0.0)
+    slips = modes.mode[of] == ContactMode.SLIPS
     gives[np.ix_(slips, tangents(gives))] = -rows.friction[of[slips], None] * directions[of[slips]]
     A = np.einsum("mia,mi->ma", rows.C[of], units)
     D = np.einsum("mia,mi->ma", rows.C[of], gives)
     b = A @ acceleration + (rows.drift[of] * units).sum(axis=1)
-    x = np.linalg.lstsq(A @ P @ D.T, -b, rcond=DEPENDENT)[0]
-    x = within_cones(of, D, rows.friction, modes.mode == ContactMode.STICKS, x)
+    given = np.concatenate([b[:, None], A @ P], axis=1)
+    solved = np.linalg.lstsq(A @ P @ D.T, -given, rcond=DEPENDENT_ROWS)[0]
+    x = within_cones(of, D, rows.friction, modes.mode == ContactMode.STICKS, solved[:, 0])
     np.add.at(force, of, x[:, None] * gives)
-    return force, acceleration + P @ (x @ D)
+    return force, acceleration + P @ (x @ D), P + P @ D.T @ solved[:, 1:]
 
 
 def _in_world(rows: ContactRows, directions: Array, begins: frozenset[int], slip: Array) -> Array:
@@ -245,7 +272,7 @@ def _turning(
             continue
         a = C @ acceleration + rows.drift[j, along]
         across = a - t * float(t @ a) / size**2
-        if np.linalg.norm(across) <= STRAIGHT * given:
+        if np.linalg.norm(across) <= STRAIGHT * given * max(1.0, STOPPED_SPEED / size):  # a slow one is mostly rounding
             continue
         if size > STOPPED_SPEED:
             shortest = min(shortest, size / max(given, float(np.linalg.norm(a))))
@@ -332,4 +359,4 @@ def on_contacts(
 
 def _removing(P: Array, A: Array, gap: Array) -> Array:
     """Return the impulse A^T x, on the object and on tips of the mobility P, that changes A V by -gap."""
-    return A.T @ np.linalg.lstsq(A @ P @ A.T, -gap, rcond=DEPENDENT)[0]
+    return A.T @ np.linalg.lstsq(A @ P @ A.T, -gap, rcond=DEPENDENT_ROWS)[0]
