@@ -46,7 +46,7 @@ SLOWEST_SLIP = 1e-7  # m/s: a slower slip has no direction of its own
 BEGINS_FOR = 5e-4  # s: the time in which friction turns a slip from which its direction is its own
 MOST_TURNS, SAME_SLIP = 30, 1e-13
 STRAIGHT = 1e-9  # of the acceleration by friction: less across a slip does not turn it
-DEPENDENT_ROWS = 1e-11  # singular values below this part of the largest are those of dependent rows
+DEPENDENT_CONTACT_ROWS = 1e-11  # singular values below this part of the largest are those of dependent rows
 SETTLED_GAP = 1e-15  # m
 ROUNDS = 3
 
@@ -208,7 +208,7 @@ def _turned(
     forwards = np.repeat([max(directions[j] @ one, 0.0) for j, one in zip(begins, a, strict=True)], count)
     given = np.repeat([rows.friction[j] * max(force[j, 2], 0.0) for j in begins], count)
     aside = np.concatenate([B @ one for B, one in zip(across, a, strict=True)])
-    delta = np.linalg.lstsq(np.diag(forwards) + E @ held @ E.T * given, aside, rcond=DEPENDENT_ROWS)[0]
+    delta = np.linalg.lstsq(np.diag(forwards) + E @ held @ E.T * given, aside, rcond=DEPENDENT_CONTACT_ROWS)[0]
     for j, B, part in zip(begins, across, np.split(delta, np.cumsum(count)[:-1]), strict=True):
         found = directions[j] + part @ B
         turned[j] = found / np.linalg.norm(found)
@@ -232,7 +232,7 @@ def _imposing(
     D = np.einsum("mia,mi->ma", rows.C[of], gives)
     b = A @ acceleration + (rows.drift[of] * units).sum(axis=1)
     given = np.concatenate([b[:, None], A @ P], axis=1)
-    solved = np.linalg.lstsq(A @ P @ D.T, -given, rcond=DEPENDENT_ROWS)[0]
+    solved = np.linalg.lstsq(A @ P @ D.T, -given, rcond=DEPENDENT_CONTACT_ROWS)[0]
     x = within_cones(of, D, rows.friction, modes.mode == ContactMode.STICKS, solved[:, 0])
     np.add.at(force, of, x[:, None] * gives)
     return force, acceleration + P @ (x @ D), P + P @ D.T @ solved[:, 1:]
@@ -359,4 +359,4 @@ def on_contacts(
 
 def _removing(P: Array, A: Array, gap: Array) -> Array:
     """Return the impulse A^T x, on the object and on tips of the mobility P, that changes A V by -gap."""
-    return A.T @ np.linalg.lstsq(A @ P @ A.T, -gap, rcond=DEPENDENT_ROWS)[0]
+    return A.T @ np.linalg.lstsq(A @ P @ A.T, -gap, rcond=DEPENDENT_CONTACT_ROWS)[0]

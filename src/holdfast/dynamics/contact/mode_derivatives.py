@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.contact.fixed_modes import DEPENDENT_ROWS
+from holdfast.dynamics.contact.fixed_modes import DEPENDENT_CONTACT_ROWS
 from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactStatus
 from holdfast.dynamics.contact.touching_chain import closed_contacts
@@ -54,7 +54,7 @@ class ContactRates(NamedTuple):
 
     def compliance(self, P: Array) -> Array:
         """Return S^+, (m, m), for the object's mobility P."""
-        return np.linalg.pinv(self.A @ P @ self.D.T, rcond=DEPENDENT_ROWS)
+        return np.linalg.pinv(self.A @ P @ self.D.T, rcond=DEPENDENT_CONTACT_ROWS)
 
     def changes(self, name: str, P: Array, alpha: Array) -> tuple[Array, Array]:
         """Return the changes of the wrench (6, c) and of all forces (3k, c) by an argument.
