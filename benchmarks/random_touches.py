@@ -68,7 +68,9 @@ def random_scene(number: int) -> Scene:
     pose = hf.Pose(pose.R, place - [0.0, 0.0, max(0.0, float(gap.min()) - dice.uniform(0.0, 0.03))])
     gap = contact_rows(touching, pose, np.zeros(6)).gap
     while gap.min() < 0.0:  # it begins within a fixture
-        pose = hf.Pose(pose.R, pose.p + dice.uniform(0.0, 0.2) * world["slope"].normal + [*dice.normal(size=2) * 0.1, 0.0])
+        pose = hf.Pose(
+            pose.R, pose.p + dice.uniform(0.0, 0.2) * world["slope"].normal + [*dice.normal(size=2) * 0.1, 0.0]
+        )
         gap = contact_rows(touching, pose, np.zeros(6)).gap
     arms, grasps = {}, {}
     for i in range({"free": 0, "one gantry": 1, "one arm": 1, "two gantries": 2}[holder]):
@@ -103,7 +105,9 @@ def _body(dice: np.random.Generator, kind: str) -> tuple[hf.HeldObject, dict[str
         points: dict[str, Any] = {n: Sphere([0.0, 0.0, s * l], r) for n, s in (("top", 1.0), ("tip", -1.0))}
     else:
         about = [(np.cos(a), np.sin(a)) for a in 0.5 * np.pi * np.arange(4)]
-        points = {f"{n}{i}": [r * x, r * y, s * l] for n, s in (("top", 1), ("end", -1)) for i, (x, y) in enumerate(about)}
+        points = {
+            f"{n}{i}": [r * x, r * y, s * l] for n, s in (("top", 1), ("end", -1)) for i, (x, y) in enumerate(about)
+        }
     return hf.HeldObject(mass, inertia), points, r
 
 

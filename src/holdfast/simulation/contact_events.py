@@ -98,7 +98,7 @@ def reached(segment: Segment, at: Instant, margins: Array) -> Reached:
     if beyond.any():  # redundant contacts reach their limits together
         beyond = found[:, CONE] <= SAME_LIMIT * touch.rows.friction * np.abs(touch.force[:, 2])
     for j in touch.modes.begins:  # and one that has just begun to slip goes on
-        if 0.0 <= found[j, SLIP] and np.linalg.norm(touch.velocity[j, along]) <= STOPPED_SPEED:
+        if found[j, SLIP] >= 0.0 and np.linalg.norm(touch.velocity[j, along]) <= STOPPED_SPEED:
             slipping[j] = touch.modes.slip[j]
     for j in np.flatnonzero(beyond).tolist():
         t = touch.force[j, along]

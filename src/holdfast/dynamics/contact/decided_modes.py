@@ -191,7 +191,7 @@ def _accelerated(
     reached: Reached,
     hands: tuple[Hand, ...],
 ) -> tuple[State, Array, Array, frozenset[int], ContactSolution]:
-    """Return the state with velocities on the contacts that stay, their modes, slips and which begin, and the forces."""
+    """Return the state with velocities on the contacts that stay, their modes, slips, which begin, and the forces."""
     rows = touching_rows(chain, state, hands)
     u = rows.velocity(stacked_twist(chain, state, hands))
     (k, d), along = u.shape, tangents(u)

@@ -45,7 +45,7 @@ STOPPED_SPEED = 1e-6  # m/s: a slower slip has stopped
 SLOWEST_SLIP = 1e-7  # m/s: a slower slip has no direction of its own
 BEGINS_FOR = 5e-4  # s: the time in which friction turns a slip from which its direction is its own
 MOST_TURNS, SAME_DIRECTION = 30, 1e-13
-STRAIGHT = 1e-9  # of the acceleration by friction: less across a slip does not turn it
+STRAIGHT = 1e-9  # m/s: less across the direction that friction keeps is no turn, but rounding
 DEPENDENT = 1e-11  # singular values below this part of the largest are those of dependent rows
 SETTLED_GAP = 1e-15  # m
 ROUNDS = 3
@@ -164,7 +164,12 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
     force, turning, begins = np.zeros(u.shape), np.inf, modes.begins
     if len(modes.closed):
         P = at_rest.mobility(state)
-        directions, (force, moving) = _along_law(rows, P, acceleration, modes, directions)
+        found = _along_law(rows, P, acceleration, modes, directions)
+        if found is None:  # where coupled mobilities send repetition astray, slips have their own directions
+            begins, modes = frozenset[int](), replace(modes, begins=frozenset())
+            directions, slip, speed = _slip(rows, u, modes)
+            found = directions, _imposing(rows, P, acceleration, modes, directions)
+        directions, (force, moving) = found
         slip = _in_world(rows, directions, begins, slip)
         speed, turning, begins = _turning(rows, P, moving, u, force, modes, speed)
     return Touch(rows, force, u, replace(modes, slip=slip, begins=begins), speed, turning)
@@ -172,13 +177,13 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
 
 def _along_law(
     rows: ContactRows, P: Array, acceleration: Array, modes: ContactModes, directions: Array
-) -> tuple[Array, tuple[Array, Array]]:
-    """Return the directions of slips, of those that begin by the law, and what `_imposing` returns for them.
+) -> tuple[Array, tuple[Array, Array]] | None:
+    """Return the directions of slips, of those that begin by the law, and what `_imposing` returns; None if not found.
 
     A direction that is off by d gives friction that is off by -q d, q the acceleration over the one that friction
     gives, so that the mean (t_friction + q t) / (1 + q) is right at once if the mobility has no preferred direction.
     """
-    for _ in range(MOST_TURNS):
+    for _ in range(1 + MOST_TURNS * bool(modes.begins)):
         found = force, moving = _imposing(rows, P, acceleration, modes, directions)
         turned, along = directions.copy(), tangents(force)
         for j in modes.begins:
@@ -190,8 +195,8 @@ def _along_law(
         off = np.abs(turned - directions).max(initial=0.0)
         directions = turned
         if off < SAME_DIRECTION:
-            break
-    return directions, found
+            return directions, found
+    return None
 
 
 def _imposing(
@@ -245,7 +250,7 @@ def _turning(
             continue
         a = C @ acceleration + rows.drift[j, along]
         across = a - t * float(t @ a) / size**2
-        if np.linalg.norm(across) <= STRAIGHT * given:
+        if size * np.linalg.norm(across) <= STRAIGHT * given:
             continue
         if size > STOPPED_SPEED:
             shortest = min(shortest, size / max(given, float(np.linalg.norm(a))))
