@@ -55,7 +55,7 @@ def random_scene(number: int) -> Scene:
     dice = np.random.default_rng([44, number])
     kind, holder, fixture = (str(dice.choice(one)) for one in (BODIES, HOLDERS, FIXTURES))
     body, points, size = _body(dice, kind)
-    of_all = {
+    of_all: dict[str, Any] = {
         "friction": float(dice.choice([0.0, dice.uniform(0.05, 0.9)], p=[0.15, 0.85])),
         "restitution": float(dice.choice([0.0, dice.uniform(0.1, 0.9)])),
     }
@@ -111,7 +111,7 @@ def _body(dice: np.random.Generator, kind: str) -> tuple[hf.HeldObject, dict[str
     return hf.HeldObject(mass, inertia), points, r
 
 
-def _world(dice: np.random.Generator, fixture: str, of_all: dict[str, float]) -> dict[str, Any]:
+def _world(dice: np.random.Generator, fixture: str, of_all: dict[str, Any]) -> dict[str, Any]:
     """Return a slope and what is fixed beside it."""
     slope, about = dice.uniform(0.0, 0.5), dice.uniform(0.0, 2.0 * np.pi)
     up = rotation.exp(slope * np.array([np.cos(about), np.sin(about), 0.0]))

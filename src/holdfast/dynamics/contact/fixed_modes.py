@@ -44,7 +44,7 @@ from holdfast.state import State
 STOPPED_SPEED = 1e-6  # m/s: a slower slip has stopped
 SLOWEST_SLIP = 1e-7  # m/s: a slower slip has no direction of its own
 BEGINS_FOR = 5e-4  # s: the time in which friction turns a slip from which its direction is its own
-MOST_TURNS, SAME_DIRECTION = 30, 1e-13
+MOST_TURNS, SAME_SLIP = 30, 1e-13
 STRAIGHT = 1e-9  # m/s: less across the direction that friction keeps is no turn, but rounding
 DEPENDENT = 1e-11  # singular values below this part of the largest are those of dependent rows
 SETTLED_GAP = 1e-15  # m
@@ -194,7 +194,7 @@ def _along_law(
                 turned[j] = mean / np.linalg.norm(mean)
         off = np.abs(turned - directions).max(initial=0.0)
         directions = turned
-        if off < SAME_DIRECTION:
+        if off < SAME_SLIP:
             return directions, found
     return None
 
