@@ -55,7 +55,7 @@ def random_scene(number: int) -> Scene:
     dice = np.random.default_rng([44, number])
     kind, holder, fixture = (str(dice.choice(one)) for one in (BODIES, HOLDERS, FIXTURES))
     body, points, size = _body(dice, kind)
-    of_all = {
+    of_all: dict[str, Any] = {
         "friction": float(dice.choice([0.0, dice.uniform(0.05, 0.9)], p=[0.15, 0.85])),
         "restitution": float(dice.choice([0.0, dice.uniform(0.1, 0.9)])),
     }

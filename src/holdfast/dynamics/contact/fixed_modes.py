@@ -45,7 +45,7 @@ STOPPED_SPEED = 1e-6  # m/s: a slower slip has stopped
 SLOWEST_SLIP = 1e-7  # m/s: a slower slip has no direction of its own
 BEGINS_FOR = 5e-4  # s: the time in which friction turns a slip from which its direction is its own
 MOST_TURNS, SAME_SLIP = 30, 1e-13
-STRAIGHT = 1e-9  # of the acceleration by friction: less across a slip does not turn it
+STRAIGHT = 1e-10  # m/s: less across the direction that friction keeps is no turn, but rounding
 DEPENDENT_CONTACT_ROWS = 1e-11  # singular values below this part of the largest are those of dependent rows
 SETTLED_GAP = 1e-15  # m
 ROUNDS = 3
@@ -163,7 +163,12 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
     force, turning, begins = np.zeros(u.shape), np.inf, modes.begins
     if len(modes.closed):
         P = at_rest.mobility(state)
-        directions, (force, moving) = _along_law(rows, P, acceleration, modes, directions)
+        found = _along_law(rows, P, acceleration, modes, directions)
+        if found is None:  # slips have their own directions
+            begins, modes = frozenset[int](), replace(modes, begins=frozenset())
+            directions, slip, speed = _slip(rows, u, modes)
+            found = directions, _imposing(rows, P, acceleration, modes, directions)[:2]
+        directions, (force, moving) = found
         slip = _in_world(rows, directions, begins, slip)
         speed, turning, begins = _turning(rows, P, moving, u, force, modes, speed)
     return Touch(rows, force, u, replace(modes, slip=slip, begins=begins), speed, turning)
@@ -171,17 +176,15 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
 
 def _along_law(
     rows: ContactRows, P: Array, acceleration: Array, modes: ContactModes, directions: Array
-) -> tuple[Array, tuple[Array, Array]]:
-    """Return the directions of slips, of those that begin by the law, and what `_imposing` returns for them."""
-    force, moving, held = _imposing(rows, P, acceleration, modes, directions)
-    for _ in range(MOST_TURNS if modes.begins else 0):
-        turned = _turned(rows, held, modes, directions, force, moving)
-        off = np.abs(turned - directions).max()
-        if off < SAME_SLIP:
-            break
-        directions = turned
+) -> tuple[Array, tuple[Array, Array]] | None:
+    """Return directions of slips, of those that begin by the law, forces and the acceleration; None if not found."""
+    for _ in range(MOST_TURNS):
         force, moving, held = _imposing(rows, P, acceleration, modes, directions)
-    return directions, (force, moving)
+        turned = _turned(rows, held, modes, directions, force, moving) if modes.begins else directions
+        if np.abs(turned - directions).max(initial=0.0) < SAME_SLIP:
+            return directions, (force, moving)
+        directions = turned
+    return None
 
 
 def _turned(
@@ -272,7 +275,7 @@ def _turning(
             continue
         a = C @ acceleration + rows.drift[j, along]
         across = a - t * float(t @ a) / size**2
-        if np.linalg.norm(across) <= STRAIGHT * given * max(1.0, STOPPED_SPEED / size):  # a slow one is mostly rounding
+        if size * np.linalg.norm(across) <= STRAIGHT * given:
             continue
         if size > STOPPED_SPEED:
             shortest = min(shortest, size / max(given, float(np.linalg.norm(a))))

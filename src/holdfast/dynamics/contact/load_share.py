@@ -14,9 +14,9 @@ import numpy as np
 
 from holdfast.spatial.scalar import Array
 
-MOST_SHARES = 30
-INSIDE_CONES = 1.0 - 1e-9  # of the friction that a share may use
-DEPENDENT_SHARES = 1e-11  # singular values below this part of the largest are those of dependent rows
+MOST_SHARE_STEPS = 30
+OF_FRICTION = 1.0 - 1e-9  # of the friction that a share may use
+NO_LOAD = 1e-11  # singular values below this part of the largest: forces without an effect
 HOLDS = 1e-12  # distance from the cones, relative to the forces
 
 
@@ -31,20 +31,20 @@ def within_cones(of: Array, D: Array, friction: Array, sticks: Array, x: Array) 
         x: (m,) forces.
     """
     _, s, Vt = np.linalg.svd(D.T)
-    N = Vt[int((s > DEPENDENT_SHARES * s.max(initial=0.0)).sum()) :].T
+    N = Vt[int((s > NO_LOAD * s.max(initial=0.0)).sum()) :].T
     scale = np.ones(len(x))
     cones = []
     for j in np.unique(of).tolist():
         rows = np.flatnonzero(of == j)
         normal = rows[2] if sticks[j] else rows[0]
         tangents = np.setdiff1d(rows, normal) if sticks[j] and friction[j] > 0.0 else rows[:0]
-        scale[tangents] = 1.0 / (INSIDE_CONES * friction[j]) if len(tangents) else 1.0
+        scale[tangents] = 1.0 / (OF_FRICTION * friction[j]) if len(tangents) else 1.0
         cones.append(np.concatenate([[normal], tangents]))
     if not N.shape[1] or _off(cones, scale * x)[0] == 0.0:
         return x
     moves, y, size = scale[:, None] * N, scale * x, float(np.abs(scale * x).max())
     off, slope, bend = _off(cones, y)
-    for _ in range(MOST_SHARES):
+    for _ in range(MOST_SHARE_STEPS):
         if np.sqrt(off) <= HOLDS * size:
             break
         H = moves.T @ bend @ moves
