@@ -49,7 +49,7 @@ from holdfast.spatial.vector import largest
 from holdfast.state import Inputs, State
 
 PASSES = 2  # the second has the mean velocity of the step, which makes forces that depend on it second-order
-ROUNDS_AT_END = 3  # of Newton's method for the positions at the step's end
+ROUNDS_AT_END = 5  # of Newton's method for the positions at the step's end
 OPEN_BY = 1e-13  # m: a deeper penetration is pushed out
 
 
