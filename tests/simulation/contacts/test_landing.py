@@ -14,7 +14,7 @@ PRESS, STIFFNESS = 0.005, 800.0  # m below the table, N/m
 
 @pytest.mark.long
 def test_two_pandas_lay_a_box_flat_on_a_table():
-    """The run is complete; closed gaps and grasps stay closed, and at rest the table carries what the spring presses."""
+    """The run is complete, gaps and grasps stay closed, and at rest the table carries what the spring presses."""
     at, arms, grasps = hf.Pose.translation, {}, {}
     for arm, y in {"left": 1, "right": -1}.items():
         arms[arm] = hf.robots.panda(at(0, 0.35 * y, 0))
