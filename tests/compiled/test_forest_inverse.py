@@ -12,13 +12,13 @@ from holdfast.dynamics import Status, forest_dynamics, forest_inverse_dynamics
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.questions.arrays import state_fields
 from tests.dynamics.tree.problems import gap, underactuated
-from tests.longer import mostly_slow
+from tests.longer import mostly_long, mostly_slow
 from tests.systems.branched import branched_problems, palletiser
 from tests.systems.humanoid import humanoid
 from tests.systems.standing import humanoid_with_box
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(30), (4,)))
+@pytest.mark.parametrize("seed", [*mostly_slow(range(8), (4,)), *mostly_long(range(8, 30), ())])
 def test_random_forests(seed):
     """Ten families, of which a third is over-constrained and a third of the joints has no drive, as the reference."""
     p = underactuated(seed)
