@@ -208,11 +208,12 @@ def normal_force_rows(
     rows, values = np.zeros((len(asked), touched.size)), np.zeros(len(asked))
     for row, (i, (name, value)) in zip(rows, enumerate(asked.items()), strict=True):
         values[i] = checks.number(value, f"normal_force: '{name}'", at_least=0.0)
-        row[:] = normal_row(touched, pressing_contacts(chain, name, "normal_force"))
+        contacts = pressing_contacts(chain, name, "normal_force")
+        row[:] = normal_row(touched, contacts)
         if not row.any():
             raise StateError(
                 f"normal_force: expected a contact that is closed and stays so, but '{name}' is open; its gap is"
-                f" {min(touched.rows.gap[j] for j in pressing_contacts(chain, name, 'normal_force')):.3g} m. Try a"
+                f" {min(touched.rows.gap[j] for j in contacts):.3g} m. Try a"
                 " state in which it touches, and an acceleration that does not lift it"
             )
     return rows, values

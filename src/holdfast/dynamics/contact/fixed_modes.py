@@ -18,6 +18,7 @@ lambda_t = -mu lambda_n t with s >= 0. These t are found by Newton's method, for
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -142,6 +143,22 @@ class RestResponses:
         return holding(chain_at_rest(self.chain, state), self.held, positions=positions)
 
 
+class ImposedContacts(NamedTuple):
+    """The forces that keep the imposed rows.
+
+    Attributes:
+        force: (k, 3 or 4) forces, contact axes.
+        moving: acceleration of object and tips with them.
+        A: imposed rows.
+        D: what a unit of each unknown exerts.
+    """
+
+    force: Array
+    moving: Array
+    A: Array
+    D: Array
+
+
 def touch_at(chain: ClosedChain, state: State, free: ForwardResult, modes: ContactModes) -> Touch:
     """Return the forces of contacts in given modes. O(n) + O(l) + O(k).
 
@@ -167,8 +184,8 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
         if found is None:  # slips have their own directions
             begins, modes = frozenset[int](), replace(modes, begins=frozenset())
             directions, slip, speed = _slip(rows, u, modes)
-            found = directions, _imposing(rows, P, acceleration, modes, directions)[:2]
-        directions, (force, moving) = found
+            found = directions, _imposing(rows, P, acceleration, modes, directions)
+        directions, (force, moving, *_) = found
         slip = _in_world(rows, directions, begins, slip)
         speed, turning, begins = _turning(rows, P, moving, u, force, modes, speed)
     return Touch(rows, force, u, replace(modes, slip=slip, begins=begins), speed, turning)
@@ -176,33 +193,33 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
 
 def _along_law(
     rows: ContactRows, P: Array, acceleration: Array, modes: ContactModes, directions: Array
-) -> tuple[Array, tuple[Array, Array]] | None:
-    """Return directions of slips, of those that begin by the law, forces and the acceleration; None if not found."""
+) -> tuple[Array, ImposedContacts] | None:
+    """Return directions of slips, of those that begin by the law, and what `_imposing` returns; None if not found."""
     for _ in range(MOST_TURNS):
-        force, moving, held = _imposing(rows, P, acceleration, modes, directions)
-        turned = _turned(rows, held, modes, directions, force, moving) if modes.begins else directions
+        found = _imposing(rows, P, acceleration, modes, directions)
+        turned = _turned(rows, P, modes, directions, found) if modes.begins else directions
         if np.abs(turned - directions).max(initial=0.0) < SAME_SLIP:
-            return directions, (force, moving)
+            return directions, found
         directions = turned
     return None
 
 
-def _turned(
-    rows: ContactRows, held: Array, modes: ContactModes, directions: Array, force: Array, moving: Array
-) -> Array:
+def _turned(rows: ContactRows, P: Array, modes: ContactModes, directions: Array, found: ImposedContacts) -> Array:
     """Return the directions of slips after a step of Newton's method, in which those that begin turn by delta.
 
-    With the rows E across them, friction changes by -mu lambda_n delta and the acceleration across by E held E^T of
-    that, so that it is along the slip again if (diag(a_along) + E held E^T mu lambda_n) delta = a_across.
+    With the rows E across them and the mobility Q = P - P D^T (A P D^T)^+ A P while the imposed rows are kept, friction
+    changes by -mu lambda_n delta and the acceleration across by E Q E^T of that, so that it is along the slip again if
+    (diag(a_along) + E Q E^T mu lambda_n) delta = a_across.
 
     Args:
         rows: the contacts.
-        held: (m, m) mobility of object and tips while the imposed rows are kept.
+        P: mobility of object and tips.
         modes: the modes.
         directions: (k, 2 or 3) of the slips, contact axes.
-        force: (k, 3 or 4) forces.
-        moving: acceleration of object and tips.
+        found: forces and acceleration with these directions.
     """
+    force, moving, A, D = found
+    Q = P - P @ D.T @ np.linalg.lstsq(A @ P @ D.T, A @ P, rcond=DEPENDENT_CONTACT_ROWS)[0]
     along, begins, turned = tangents(force), sorted(modes.begins), directions.copy()
     across = [_across(directions[j]) for j in begins]
     a = [rows.C[j, along] @ moving + rows.drift[j, along] for j in begins]
@@ -211,10 +228,10 @@ def _turned(
     forwards = np.repeat([max(directions[j] @ one, 0.0) for j, one in zip(begins, a, strict=True)], count)
     given = np.repeat([rows.friction[j] * max(force[j, 2], 0.0) for j in begins], count)
     aside = np.concatenate([B @ one for B, one in zip(across, a, strict=True)])
-    delta = np.linalg.lstsq(np.diag(forwards) + E @ held @ E.T * given, aside, rcond=DEPENDENT_CONTACT_ROWS)[0]
+    delta = np.linalg.lstsq(np.diag(forwards) + E @ Q @ E.T * given, aside, rcond=DEPENDENT_CONTACT_ROWS)[0]
     for j, B, part in zip(begins, across, np.split(delta, np.cumsum(count)[:-1]), strict=True):
-        found = directions[j] + part @ B
-        turned[j] = found / np.linalg.norm(found)
+        turned[j] = directions[j] + part @ B
+        turned[j] /= np.linalg.norm(turned[j])
     return turned
 
 
@@ -225,8 +242,8 @@ def _across(direction: Array) -> Array:
 
 def _imposing(
     rows: ContactRows, P: Array, acceleration: Array, modes: ContactModes, directions: Array
-) -> tuple[Array, Array, Array]:
-    """Return the forces that keep the imposed rows, and acceleration and mobility of object and tips with them."""
+) -> ImposedContacts:
+    """Return the forces that keep the imposed rows, with the acceleration of object and tips."""
     of, units = modes.imposed()
     force, gives = np.zeros(modes.slip.shape), units.copy()
     slips = modes.mode[of] == ContactMode.SLIPS
@@ -234,11 +251,10 @@ def _imposing(
     A = np.einsum("mia,mi->ma", rows.C[of], units)
     D = np.einsum("mia,mi->ma", rows.C[of], gives)
     b = A @ acceleration + (rows.drift[of] * units).sum(axis=1)
-    given = np.concatenate([b[:, None], A @ P], axis=1)
-    solved = np.linalg.lstsq(A @ P @ D.T, -given, rcond=DEPENDENT_CONTACT_ROWS)[0]
-    x = within_cones(of, D, rows.friction, modes.mode == ContactMode.STICKS, solved[:, 0])
+    x = np.linalg.lstsq(A @ P @ D.T, -b, rcond=DEPENDENT_CONTACT_ROWS)[0]
+    x = within_cones(of, D, rows.friction, modes.mode == ContactMode.STICKS, x)
     np.add.at(force, of, x[:, None] * gives)
-    return force, acceleration + P @ (x @ D), P + P @ D.T @ solved[:, 1:]
+    return ImposedContacts(force, acceleration + P @ (x @ D), A, D)
 
 
 def _in_world(rows: ContactRows, directions: Array, begins: frozenset[int], slip: Array) -> Array:

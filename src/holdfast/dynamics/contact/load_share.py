@@ -30,8 +30,6 @@ def within_cones(of: Array, D: Array, friction: Array, sticks: Array, x: Array) 
         sticks: (k,) which contacts stick: their rows are the three axes, of others the first one is the normal.
         x: (m,) forces.
     """
-    _, s, Vt = np.linalg.svd(D.T)
-    N = Vt[int((s > NO_LOAD * s.max(initial=0.0)).sum()) :].T
     scale = np.ones(len(x))
     cones = []
     for j in np.unique(of).tolist():
@@ -40,10 +38,15 @@ def within_cones(of: Array, D: Array, friction: Array, sticks: Array, x: Array) 
         tangents = np.setdiff1d(rows, normal) if sticks[j] and friction[j] > 0.0 else rows[:0]
         scale[tangents] = 1.0 / (OF_FRICTION * friction[j]) if len(tangents) else 1.0
         cones.append(np.concatenate([[normal], tangents]))
-    if not N.shape[1] or _off(cones, scale * x)[0] == 0.0:
-        return x
-    moves, y, size = scale[:, None] * N, scale * x, float(np.abs(scale * x).max())
+    y = scale * x
     off, slope, bend = _off(cones, y)
+    if off == 0.0:
+        return x
+    _, s, Vt = np.linalg.svd(D.T)
+    N = Vt[int((s > NO_LOAD * s.max(initial=0.0)).sum()) :].T
+    if not N.shape[1]:
+        return x
+    moves, size = scale[:, None] * N, float(np.abs(y).max())
     for _ in range(MOST_SHARE_STEPS):
         if np.sqrt(off) <= HOLDS * size:
             break

@@ -20,11 +20,10 @@ from holdfast.simulation.contact_stepper import ContactStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.impulse_stepper import ImpulseStepper, touch_of
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
-from holdfast.simulation.rollout.fused_stepper import by_name, hold_rows, options_for
+from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING, unsteady
+from holdfast.simulation.rollout.fused_stepper import by_name, constant_inputs, hold_rows, options_for, shared_inputs
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, state_rows
-from holdfast.simulation.rollout.stage_values import acting_on, wrench_arrays
 from holdfast.simulation.rollout.traced_impulses import WHOLE_PATH
 from holdfast.simulation.rollout.traced_step import RUNNING, TOUCH_WRENCH
 from holdfast.simulation.runge_kutta import MIDPOINT, Tableau
@@ -71,14 +70,11 @@ class CompiledImpulseStepper(ImpulseStepper):
     @cached_property
     def _given(self) -> dict[str, Array]:
         """The inputs that all steps share."""
-        taken = acting_on(self.environment.chain, self.kernel.structure.options)
-        values = getattr(self.controller, "values", {})
-        return {**wrench_arrays(taken, self._acting), "search": np.array(0.0), **by_name(values)}
+        return shared_inputs(self.kernel, self._acting, by_name(getattr(self.controller, "values", {})))
 
     @cached_property
     def _acting(self) -> Inputs:
-        given = self.environment.inputs
-        return (given if isinstance(given, Inputs) else Inputs()).shaped(self.environment.chain)
+        return constant_inputs(self.environment)
 
 
 def impulse_stepper_for(
@@ -105,10 +101,9 @@ def impulse_stepper_for(
     """
     chain, of = environment.chain, (environment, controller, generic_rank, scheme, tolerance, modes)
     law, touching = law_of(controller, chain), chain.touching
-    known = law is not None and isinstance(environment.inputs, Inputs) and not environment.base_motion
-    stands = all(x is None for name, x in vars(environment.inputs).items() if "base" in name) if known else False
+    stands = not environment.base_motion and not unsteady(environment.inputs)
     machine = touching is not None and not touching.without_machine_code and bool(chain.arms) and not modes.hands
-    if law is None or not (known and stands and machine) or steps < STEPS_WORTH_COMPILING:
+    if law is None or not (stands and machine) or steps < STEPS_WORTH_COMPILING:
         return ImpulseStepper(*of)
     options = replace(options_for(environment), contacts=WHOLE_PATH)
     return CompiledImpulseStepper(*of, StepKernel(chain, law, MIDPOINT, generic_rank, options=options, quick=True))

@@ -26,7 +26,7 @@ class TakeSteps(Protocol):
     """Takes steps of a length (systems,) in place; a system whose impulses are not found keeps its state."""
 
     def __call__(self, systems: RolloutSystems, h: Array, *, way: str, steps: int = 1) -> None:
-        """Take the steps, with impulses "warm" or "cold"."""
+        """Take the steps, with impulses found in a way, `FROM_LAST` or `WHOLE_PATH`."""
         ...
 
 

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.compiled.structure import Options
-from holdfast.compiler.program import Shape
 from holdfast.control.controller import ControlLaw
 from holdfast.questions.arrays import FLOATING, STATE, state_of
 from holdfast.simulation.adaptive import Tolerance
@@ -277,17 +276,8 @@ class FusedStepper:
     @cached_property
     def _given(self) -> dict[str, Array]:
         """The inputs that all steps share."""
-        return {
-            **wrench_arrays(self._taken, self._acting),
-            "search": np.array(0.0),
-            "tolerance": np.array([self.tolerance.rtol, self.tolerance.atol]),
-            **self.values,
-        }  # `simulate` searches itself
-
-    @cached_property
-    def _taken(self) -> Mapping[str, Shape]:
-        """The shapes of the external wrenches that the machine code takes."""
-        return acting_on(self.environment.chain, self.kernel.structure.options)
+        tolerance = np.array([self.tolerance.rtol, self.tolerance.atol])
+        return {**shared_inputs(self.kernel, self._acting, self.values), "tolerance": tolerance}
 
     def _whole(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         chain, inputs = self.environment.chain, self._acting
@@ -298,9 +288,19 @@ class FusedStepper:
 
     @cached_property
     def _acting(self) -> Inputs:
-        """The constant inputs of the chain, without base motions; none if they are a function."""
-        acting = self.environment.inputs
-        return (acting if isinstance(acting, Inputs) else Inputs()).shaped(self.environment.chain)
+        return constant_inputs(self.environment)
+
+
+def constant_inputs(environment: Environment) -> Inputs:
+    """Return the constant inputs of the chain, without base motions; none if they are a function."""
+    acting = environment.inputs
+    return (acting if isinstance(acting, Inputs) else Inputs()).shaped(environment.chain)
+
+
+def shared_inputs(kernel: StepKernel, acting: Inputs, values: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the inputs of machine code that all steps of a run share; `simulate` searches for singularities itself."""
+    wrenches = wrench_arrays(acting_on(kernel.chain, kernel.structure.options), acting)
+    return {**wrenches, "search": np.array(0.0), **values}
 
 
 def options_for(environment: Environment) -> Options:
