@@ -45,6 +45,16 @@ def found(name: str) -> Distributed:
     return solve(made(name).blocks, made(name).e, PRICE, barrier=BARRIER)
 
 
+def rounded(name: str) -> float:
+    """Return what rounding leaves unknown of the slack that is smallest beside its cone's numbers.
+
+    Where limits conflict, a force lies within 1e-8 of its cone's border: its distance is known to 1e-8 then, and so is
+    the curvature of the barrier there, whatever the arithmetic does next.
+    """
+    cones = [s for own in found(name).last.points for s, _ in own.of_cones]
+    return max([np.finfo(float).eps * s[0] / (s[0] - np.linalg.norm(s[1:])) for s in cones], default=0.0)
+
+
 def numbers(name: str) -> list[Array]:
     """Return the programme's numbers."""
     return numbers_of(made(name).blocks, made(name).e, PRICE, BARRIER)
@@ -158,11 +168,11 @@ def test_distribution_against_differences(name):
     def at(far: float) -> dict[str, Array]:
         return dict(zip(DISTRIBUTE.names_at(case.chain), distributed(varied(of, along, far), 40), strict=True))
 
-    far = {k: (at(k * STEP), at(-k * STEP)) for k in NINE_POINTS}
+    far, within = {k: (at(k * STEP), at(-k * STEP)) for k in NINE_POINTS}, max(1e-7, 30.0 * rounded(name))
     for result in names:
         measured = sum(w * (far[k][0][result] - far[k][1][result]) for k, w in NINE_POINTS.items()) / STEP
         size = max(1.0, np.abs(rates[result]).max())
-        np.testing.assert_allclose(measured, rates[result], rtol=0, atol=1e-7 * size, err_msg=result)
+        np.testing.assert_allclose(measured, rates[result], rtol=0, atol=within * size, err_msg=result)
 
     bars = {result: random.normal(size=np.shape(rates[result])) for result in names}
     gradients = function_vjp(DISTRIBUTE, of, 0.0, tuple(along), bars).parts
