@@ -79,7 +79,7 @@ def two(a, b=1.0, *, c):
 
 WRONG = {
     "unknown": (lambda: two(1.0, c=1.0, d=2.0), "two: no argument 'd'"),
-    "missing": (lambda: two(1.0), "two: expected c too, got no value; try c=..."),
+    "missing": (lambda: two(1.0), "two: expected c too, got no value (given by order: a: float); try c=..."),
     "surplus": (lambda: two(1.0, 2.0, 3.0, c=1.0), "two: expected at most 2 arguments without names in the order a, b"),
     "twice": (lambda: two(1.0, a=2.0, c=1.0), "two: expected a once"),
     "of a simulation": (

@@ -212,5 +212,7 @@ def wrong_call(
     if twice := [key for key in by_place[: len(args)] if key in given]:
         return CallError(f"{name}: expected {twice[0]} once, got it by place and by name")
     if missing:
-        return CallError(f"{name}: expected {', '.join(missing)} too, got no value; try {missing[0]}=...")
+        taken = ", ".join(f"{key}: {type(x).__name__}" for key, x in zip(by_place, args, strict=False))
+        by_order = f" (given by order: {taken})" * bool(taken)
+        return CallError(f"{name}: expected {', '.join(missing)} too, got no value{by_order}; try {missing[0]}=...")
     return CallError(f"{name}: {said}")
