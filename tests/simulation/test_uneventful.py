@@ -158,6 +158,8 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
     "function, an arm lets go": (by_function("softfinger", RUBBER, events=[hf.Release(0.04, "left")]), STEPS // 8),
     "function, recorded violations": (partial(beyond_limits, True), STEPS // 4),
     "function, little drift": (by_function(largest_drift=1e-9), 0),
+    "wrench, minima of margins": (of_pandas(inputs=wind), STEPS - 2),
+    "function, minima of margins": (by_function(inputs=wind), STEPS - 2),
     "wrench of time": (of_pandas("softfinger", RUBBER, inputs=wind), STEPS // 2),
     "wrench of state": (by_function(inputs=drag, scheme="midpoint"), STEPS // 2),
     "wrench, sampled, delayed": (of_pandas(sample_time=2 * STEP, delay=0.5 * STEP, inputs=drag), STEPS // 2),

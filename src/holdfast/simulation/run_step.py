@@ -38,8 +38,7 @@ from holdfast.simulation.stepper import NO_GAPS, Advance, Stepper
 from holdfast.simulation.verification import (
     MarginCurves,
     StepMargins,
-    in_doubt,
-    minima,
+    verified_by_screening,
     verified_without_steps,
     verify,
 )
@@ -241,8 +240,8 @@ def _step_to(
         curves.margins[reached.t] = segment.margins(reached.instant)
         until = reached.t
     times = segment.evaluation_times(now.t, until)
-    _screen(curves, at, stepper or segment.stepper, times)
-    found = _interpolated(curves, at, stepper or segment.stepper, times)
+    by = stepper or segment.stepper
+    found = _screened(curves, at, by, times) or _interpolated(curves, at, by, times)
     if found is None:
         found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest)
     end = found.end
@@ -314,21 +313,27 @@ def _require_step(window: Window, found: StepMargins, until: float, tracker: Vio
         require_shown(window, found, tracker)
 
 
-def _screen(curves: MarginCurves, at: RunState, stepper: Stepper, times: list[float]) -> None:
-    """Enter the margins of a step under a Python function that is called at its stages only, if none is in doubt."""
-    limited, tracker = at.segment.signals.limited, at.checkpoint.tracker
+def _screened(curves: MarginCurves, at: RunState, stepper: Stepper, times: list[float]) -> StepMargins | None:
+    """Return the margins of a step under Python functions that are called at its stages only, and enter them.
+
+    None if one is in doubt.
+    """
     if not isinstance(stepper, PythonLawStepper) or len(times) == 1:
-        return
-    found = stepper.screened(at.now, times)
-    if any(one.instant is None for one in found):
-        return
-    margins = at.segment.margins_of([one.instant for one in found if one.instant is not None])
-    before = at.checkpoint.tail if at.previous is not None else np.full(len(at.segment.signals), -np.inf)
-    both = np.concatenate([before[None], at.margins[-1:], margins])[:, limited]
-    least = np.minimum(tracker.lowest[limited], both[1:].min(axis=0))
-    if not in_doubt(both[1:], tracker.beyond[limited]) and not len(minima(both, least)[0]):
-        curves.advances.update(zip(times, found, strict=True))
-        curves.margins.update(zip(times, margins, strict=True))
+        return None
+    segment, now, previous, tracker = at.segment, at.now, at.previous, at.checkpoint.tracker
+
+    def reach(points: Sequence[float]) -> list[Advance]:
+        before, after = [t for t in points if t < now.t], [t for t in points if t >= now.t]
+        led = [] if previous is None or not before else stepper.screened(previous, [*before, now.t])[:-1]
+        return led + (stepper.screened(now, sorted({*after, times[-1]}))[: len(after)] if after else [])
+
+    between = MarginCurves(reach, segment.margins_of, dict(curves.margins), dict(curves.advances))
+    watched = segment.signals.limited
+    if not verified_by_screening(between, now.t, times, watched, tracker.beyond, tracker.lowest):
+        return None
+    curves.margins.update(between.margins)
+    found, margins = between.table()
+    return StepMargins(found, margins, int(np.searchsorted(found, now.t)), between.advances[times[-1]])
 
 
 def _interpolated(curves: MarginCurves, at: RunState, stepper: Stepper, times: list[float]) -> StepMargins | None:

@@ -44,7 +44,7 @@ class StepsTogether(NamedTuple):
     starts: Mapping[str, Array]
     after_jumps: Mapping[str, Array]
     margins: Array
-    again: Again | None
+    again: Again
     held: Sequence[HeldTorques | None]
     failed: int
     memories: tuple[Mapping[int, Any], Mapping[int, Any]] | None
@@ -132,7 +132,6 @@ def margins_at(at: RunState, steps: StepsTogether, near: Sequence[int], times: S
         near: for each time the number of its step, or of the one after it.
         times: the times [s].
     """
-    assert steps.again is not None
     if not times:
         return np.zeros((0, len(at.segment.signals)))
     of_step = [k - int(t < steps.times[k, 0]) for k, t in zip(near, times, strict=True)]

@@ -49,7 +49,7 @@ from holdfast.simulation.steps_together import (
     steps_together,
 )
 from holdfast.simulation.trajectory import Trajectory
-from holdfast.simulation.verification import TIME_OF_MINIMUM, changes, in_doubt, minima
+from holdfast.simulation.verification import TIME_OF_MINIMUM, changes, in_doubt, may_be_negative, minima
 from holdfast.spatial.scalar import Array
 
 SIZE_RATIO = 0.5  # bound on the ratio of two sizes of a chain (`coordinate_sizes`) in neighbouring configurations
@@ -157,12 +157,13 @@ def _refined(at: RunState, steps: StepsTogether, count: int) -> tuple[dict[int, 
         count: number of steps in which nothing happens apart from such minima.
     """
     m, lowest = steps.margins[:, :count], at.checkpoint.tracker.lowest
+    if isinstance(stepper_of(at.segment), PythonLawStepper):  # whose margins inside steps do not decide
+        count = min([count, *may_be_negative(m)[1].tolist()])
+        m = m[:, :count]
     least = np.minimum.accumulate(np.concatenate([lowest[None], m[1:].min(axis=0)]))
     brackets = list(zip(*(places.tolist() for places in minima(m, least[1:])), strict=True))
     if any(row == k == 0 for row, k, _ in brackets):  # it begins in a step before these
         return {}, 0
-    if steps.again is None:
-        return {}, min([count, *(k for _, k, _ in brackets)])
     searched = _searched(at, steps, brackets)
     found: dict[int, Curve] = {}
     for k in sorted({k for _, k, _ in brackets}):

@@ -193,6 +193,26 @@ def verified_without_steps(
     return True
 
 
+def verified_by_screening(
+    between: MarginCurves, begin: float, times: list[float], watched: Array, beyond: Array, lowest: Array
+) -> bool:
+    """Refine the margins of a step without calls of its Python functions; return whether none is in doubt.
+
+    The arguments are those of `verified_without_steps`, with the instants of `PythonLawStepper.screened`.
+    """
+    try:
+        between.evaluate(times)
+        found, margins = between.table()
+        m = margins[:, watched]
+        if in_doubt(m[found >= begin], beyond[watched]) or len(may_be_negative(m)[0]):
+            return False
+        _refine_minima(between, watched, lowest, TIME_OF_MINIMUM * (times[-1] - begin))
+    except REFUSALS:
+        return False
+    found, margins = between.table()
+    return not changes(margins[:, watched], beyond[watched])
+
+
 def _evaluate_ends(curves: MarginCurves, begin: float, watched: Array) -> None:
     """Evaluate the first or last eighth of a step in eighths if a margin may be negative within it."""
     times, margins = curves.table()
@@ -253,6 +273,11 @@ def minima(m: Array, least: Array) -> tuple[Array, ...]:
     deep = (possible < least[*where] - FLAT * sizes) | ((lowest >= 0.0) & (possible < 0.0))
     found = (drop > FLAT * sizes) & deep
     return row[found], *(places[found] for places in where)
+
+
+def may_be_negative(m: Array) -> tuple[Array, ...]:
+    """Return the bracketed minima of margins (evaluations, ..., signals) that may be negative, as `minima` does."""
+    return minima(m, np.full(m.shape[1:], -np.inf))
 
 
 def changes(m: Array, beyond: Array) -> Array:

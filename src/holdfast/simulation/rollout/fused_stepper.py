@@ -46,7 +46,8 @@ class Taken(NamedTuple):
         ends: results at the points of the steps, (k, points, ...) by name.
         starts: evaluations after the jumps at which steps begin, (k, 1, ...) by name.
         taken: number of steps that were taken; results of the others mean nothing.
-        again: returns results at further points, see `SuccessiveSteps.again`; None if torques there are not known.
+        again: returns results at further points, see `SuccessiveSteps.again`; under Python functions with the values
+            there that the head of `python_law_stepper` tells.
         memories: as in `Driven`; None if they are part of the results.
         interruption: what interrupted the controller, such as Ctrl-C.
     """
@@ -54,7 +55,7 @@ class Taken(NamedTuple):
     ends: Systems
     starts: Systems
     taken: int
-    again: Again | None
+    again: Again
     memories: tuple[Mapping[int, Any], Mapping[int, Any]] | None = None
     interruption: BaseException | None = None
 
@@ -158,7 +159,7 @@ class FusedStepper:
             self.kernel.choose_forces(of_systems, self._inputs(at.ravel(), np.array(0.0), True), {})
         if driven is None:
             return Taken(ends, starts, done, taker.again)
-        return Taken(ends, starts, done, None, driven.memories, driven.interruption)
+        return Taken(ends, starts, done, taker.again, driven.memories, driven.interruption)
 
     def _driven(self, now: Instant, times: Array) -> Driven | None:
         """Return what sets the torques of steps at these times; None if a law computes them."""

@@ -2,7 +2,7 @@
 
 They are called once a stage. At points inside a step that ends elsewhere, they are not called: torques and wrenches
 there are those of the quadratic through the values at the start, in the middle and at the end of the step. They serve
-to see whether margins may need a closer look, for which the functions are called.
+to see whether margins may be negative there, which calls of the functions decide, and otherwise to find the lowest.
 """
 
 from __future__ import annotations
@@ -241,7 +241,7 @@ class _CalledAhead:
         traced: bool,
     ) -> None:
         self._asking, self._ask, self._scheme, self._times = asking, ask, scheme, times
-        self._last, self.memory = first, memory
+        self._last, self.memory, self._known = first, memory, dict[int, tuple[Array, Array]]()
         self.memories: tuple[dict[int, Any], dict[int, Any]] | None = None if traced else ({}, {})
         self.interruption: BaseException | None = None
         self._begun = time.monotonic()
@@ -265,8 +265,12 @@ class _CalledAhead:
         except (Exception, KeyboardInterrupt) as cause:
             return self._failed(cause)
         ends.values[k] = _at_points(found, first, self._times[k, 1:] - begin, self._scheme)
-        self._last = found[-1]
+        self._last, self._known[k] = found[-1], (found, first)
         return self._remember(1, k)
+
+    def inside(self, k: int, length: float) -> Array:
+        whole = float(self._times[k, -1] - self._times[k, 0])
+        return _at_points(*self._known[k], np.array([length, whole]), self._scheme)[0]
 
     def _remember(self, where: int, k: int) -> bool:
         if self.memories is not None:

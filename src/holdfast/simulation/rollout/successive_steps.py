@@ -43,6 +43,10 @@ class Driven(Protocol):
         """Set those of step k, whose carried arrays are those at its start, and return whether there are any."""
         ...
 
+    def inside(self, k: int, length: float) -> Array:
+        """Return those of a shorter step from the start of step k [s], (stages, size), as they are between its own."""
+        ...
+
 
 class SuccessiveSteps:
     """Memory for a number of successive steps, and the tables by which machine code finds its way in it.
@@ -57,7 +61,7 @@ class SuccessiveSteps:
         self.kernel = kernel
         self._ends, self._starts = CarriedArrays(kernel, steps, points), CarriedArrays(kernel, steps, 1)
         self.ends, self.starts = self._ends.arrays, self._starts.arrays
-        self._taken: tuple[Array, Mapping[str, Array], Array] | None = None
+        self._taken: tuple[Array, Mapping[str, Array], Array, Driven | None] | None = None
         self._again: dict[int, CarriedArrays] = {}
 
     def take(
@@ -88,7 +92,7 @@ class SuccessiveSteps:
         ends.prepare(inputs, begin[:, None], step)
         if jumps.any():
             starts.prepare({**inputs, "held": np.array(1.0)}, begin[:, None], np.zeros((count, 1)))
-        self._taken = blank, inputs, jumps
+        self._taken = blank, inputs, jumps, driven
         points, jumped, before = ends.block[:, :, anew:], starts.block[:, 0, anew:], blank[anew:]
         for k, jumping in enumerate(jumps.tolist()):
             memory = None if remember is None else remember(k)
@@ -120,7 +124,7 @@ class SuccessiveSteps:
             lengths: its time since that step's start [s].
         """
         assert self._taken is not None
-        blank, inputs, jumps = self._taken
+        blank, inputs, jumps, driven = self._taken
         count, anew = len(steps), self._ends.anew
         memory = self._again.get(count)
         if memory is None:
@@ -129,6 +133,8 @@ class SuccessiveSteps:
             before = self._starts.block[k, 0] if jumps[k] else self._ends.block[k - 1, -1] if k else blank
             row[:anew], row[anew:] = blank[:anew], before[anew:]
         memory.prepare(inputs, self._ends.begin[None, steps, 0], np.array([lengths]))
+        if driven is not None:
+            memory.values[0] = [driven.inside(k, length) for k, length in zip(steps, lengths, strict=True)]
         memory.run(0)
         return {name: x[0] for name, x in memory.arrays.items()}
 
