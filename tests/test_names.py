@@ -88,6 +88,10 @@ WRONG = {
     ),
     "of a state": (lambda: hf.State(fixed().state.q), "State: expected qd too"),
     "of a law": (lambda: hf.ControlLaw(lambda *x: x, parameter={}), "Did you mean 'parameters'?"),
+    "of a value's class": (
+        lambda: hf.Grasp("softfinger", friction=hf.Friction(0.5)),
+        "Grasp: no argument 'friction'. Did you mean 'contact'?",
+    ),
     "of a law's call": (lambda: hf.ControlLaw(lambda *x: x)(0.0), "ControlLaw: expected state, memory too"),
     "of a law's renamed gain": (
         lambda: hf.control.GravityCompensation(fixed().chain, squeeze=1.0),

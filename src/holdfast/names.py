@@ -173,6 +173,12 @@ def numeric_failure(what: str) -> StateError:
     )
 
 
+def _takes(parameter: inspect.Parameter, value: Any) -> bool:
+    """Return whether a parameter is annotated with the class of a value, if that is one of holdfast's."""
+    of = type(value)
+    return of.__module__.startswith("holdfast.") and of.__name__ in re.findall(r"\w+", str(parameter.annotation))
+
+
 def wrong_call(
     signature: inspect.Signature, name: str, args: Sequence[Any], given: Mapping[str, Any]
 ) -> CallError | None:
@@ -202,7 +208,9 @@ def wrong_call(
     if anything:  # the function refuses unknown names itself, but one that is missing may be misspelt
         unknown = [key for key in unknown if difflib.get_close_matches(key, missing, cutoff=0.8)]
     if unknown:
-        return CallError(f"{name}: no argument '{unknown[0]}'.{did_you_mean(unknown[0], known)}")
+        taking = [p.name for p in parameters if p.name not in have and _takes(p, given[unknown[0]])]
+        hint = f" Did you mean '{taking[0]}'?" if len(taking) == 1 else did_you_mean(unknown[0], known)
+        return CallError(f"{name}: no argument '{unknown[0]}'.{hint}")
     if len(args) > len(by_place):
         order = f" in the order {', '.join(by_place)}" if by_place else ""
         return CallError(
