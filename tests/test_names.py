@@ -88,6 +88,11 @@ WRONG = {
     ),
     "of a state": (lambda: hf.State(fixed().state.q), "State: expected qd too"),
     "of a law": (lambda: hf.ControlLaw(lambda *x: x, parameter={}), "Did you mean 'parameters'?"),
+    "of a constructor by name": (
+        lambda: hf.HeldObject.box(mass=1.0, size=[1.0, 1.0, 1.0]),
+        "HeldObject.box: no argument 'size'. Known: mass, x, y, z.",
+    ),
+    "of a pose": (lambda: hf.Pose([0.0, 0.0, 0.0]), "Pose: expected p too, got no value (given by order: R: list)"),
     "of a value's class": (
         lambda: hf.Grasp("softfinger", friction=hf.Friction(0.5)),
         "Grasp: no argument 'friction'. Did you mean 'contact'?",

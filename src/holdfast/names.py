@@ -108,10 +108,11 @@ def unknown_attribute(of: Any, name: str) -> UnknownName:
 
 
 def called(of: Called) -> Called:
-    """Return a function, or a class with its constructor and public methods, whose wrong calls raise a `CallError`.
+    """Return a function, or a class with its constructors and public methods, whose wrong calls raise a `CallError`.
 
-    A call is wrong if its arguments do not fit the signature; other calls are passed on unchanged. Attributes that such
-    a class does not have raise an `UnknownName`.
+    A call is wrong if its arguments do not fit the signature; other calls are passed on unchanged. So are all of
+    constructors that check nothing (`Pose.unchecked`), which algorithms call. Attributes that such an object does not
+    have raise an `UnknownName`.
 
     Raises:
         CallError: a name is unknown, an argument is missing or given twice, or there are too many.
@@ -120,8 +121,15 @@ def called(of: Called) -> Called:
     if isinstance(of, type):
         named(of)
         for name, method in [*vars(of).items()]:
-            if inspect.isfunction(method) and (name in ("__init__", "__call__") or not name.startswith("_")):
-                setattr(of, name, _called(method, of.__name__ if name.startswith("__") else name))
+            of_class = isinstance(method, staticmethod | classmethod)
+            function = method.__func__ if of_class else method
+            if not inspect.isfunction(function) or name.startswith("unchecked"):
+                continue
+            if name in ("__init__", "__call__"):
+                setattr(of, name, _called(function, of.__name__))
+            elif not name.startswith("_"):
+                made = _called(function, f"{of.__name__}.{name}" if of_class else name)
+                setattr(of, name, type(method)(made) if of_class else made)
         return of  # type: ignore[return-value]
     return _called(of, of.__name__)  # type: ignore[return-value]
 
@@ -176,7 +184,8 @@ def numeric_failure(what: str) -> StateError:
 def _takes(parameter: inspect.Parameter, value: Any) -> bool:
     """Return whether a parameter is annotated with the class of a value, if that is one of holdfast's."""
     of = type(value)
-    return of.__module__.startswith("holdfast.") and of.__name__ in re.findall(r"\w+", str(parameter.annotation))
+    ours = of.__module__.partition(".")[0] == "holdfast"
+    return ours and of.__name__ in re.findall(r"\w+", str(parameter.annotation))
 
 
 def wrong_call(
@@ -197,7 +206,7 @@ def wrong_call(
     else:
         return None
     kinds, parameters = inspect.Parameter, list(signature.parameters.values())
-    own = sum(p.name == "self" for p in parameters[:1])
+    own = sum(p.name in ("self", "cls") for p in parameters[:1])
     parameters, args = parameters[own:], args[own:]
     by_place = [p.name for p in parameters if p.kind in (kinds.POSITIONAL_ONLY, kinds.POSITIONAL_OR_KEYWORD)]
     known = [p.name for p in parameters if p.kind in (kinds.POSITIONAL_OR_KEYWORD, kinds.KEYWORD_ONLY)]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError
+from holdfast.names import called
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import REQUIRED, ArrayField, Converted, Frozen, frozen_property, read_only
 from holdfast.spatial.real_numbers import numbers, pose_numbers, rotation_matrix
@@ -21,6 +22,7 @@ PARALLEL = 1e-6  # sine of the angle between directions that count as one
 UP = np.array([0.0, 0.0, 1.0])
 
 
+@called
 @dataclass(frozen=True, eq=False)
 class Pose(Frozen):
     """A frame seen from a reference frame: x_reference = R x + p.
