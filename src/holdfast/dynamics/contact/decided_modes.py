@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,7 +19,14 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_a
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.contact.collision import Collision, impact
-from holdfast.dynamics.contact.fixed_modes import STOPPED_SPEED, ContactModes, on_contacts, slip_in_world, tangents
+from holdfast.dynamics.contact.fixed_modes import (
+    DEPENDENT_CONTACT_ROWS,
+    STOPPED_SPEED,
+    ContactModes,
+    on_contacts,
+    slip_in_world,
+    tangents,
+)
 from holdfast.dynamics.contact.rows import ContactRows, rows_in_world
 from holdfast.dynamics.contact.sliding_hands import (
     Hand,
@@ -44,9 +51,11 @@ from holdfast.state import State
 
 APPROACH_SPEED = 1e-9  # m/s: a slower approach is rounding
 REST_SPEED = 1e-3  # m/s: contacts that approach more slowly do not rebound
+STOP_TOGETHER = 1e-5  # m/s: where one slip has stopped, slower ones have, too: friction would stop them in microseconds
 JAMS = 3  # impulses without collision at one instant, at most
 
 
+REMAINS = 1e-9  # of the accelerations without contact forces: a slower approach is rounding
 VANISHED = 1e-6  # of the largest force: a smaller one is zero where it has just been located as such
 
 
@@ -131,7 +140,9 @@ def decided(
         rows = touching_rows(chain, state, hands)
         motion = holding(chain_at_rest(chain, state), held)
         P, u = stacked_mobility(motion, hands), rows.velocity(stacked_twist(chain, state, hands))
-        if len(closed) and (u[closed, 2].min() < -APPROACH_SPEED or jammed):
+        strikes = bool(len(closed) and (u[closed, 2].min() < -APPROACH_SPEED or jammed))
+        slowly = strikes and not jammed and u[closed, 2].min() > -REST_SPEED
+        if strikes:
             rebounds = u[:, 2] < -REST_SPEED
             e = np.where(rebounds[closed], rows.restitution[closed], 0.0)
             before = u[closed]
@@ -142,16 +153,27 @@ def decided(
             require_resolved(found, "impulses")
             left_out = (found.impulse[:, 2] > 0.0) & ~rebounds[closed] & (rows.restitution[closed] > 0.0)
             slow[closed] = np.where(left_out, -before[:, 2], slow[closed])
-            total[closed] += rows_in_world(rows.axes[closed], found.impulse)
             change += found.energy_change + float((found.impulse * rows.carried[closed]).sum())
-            response = stacked_response(motion, state, hands, found.wrench)
-            base += _base_impulse(motion, response.found)
-            for hand, push in zip(hands, response.bases, strict=True):
-                base += shift_wrench(chain.arms[hand.arm].base.p, push)
-            state = quickened(state, response.change)
-            u = rows.velocity(stacked_twist(chain, state, hands))
+            state, of_bases = _pushed(motion, state, hands, found.wrench)
+            total[closed] += rows_in_world(rows.axes[closed], found.impulse)
+            base, u = base + of_bases, rows.velocity(stacked_twist(chain, state, hands))
         stays = closed[np.abs(u[closed, 2]) < 10.0 * APPROACH_SPEED]
-        state, mode, slip, begins, solution = _accelerated(chain, state, accelerate, held, stays, P, reached, hands)
+        rocks = np.setdiff1d(closed[u[closed, 2] < REST_SPEED], stays) if slowly else stays[:0]
+        while True:  # what rocks to and fro between contacts too slowly to follow rests on all that press then
+            rest, still, of_bases = np.union1d(stays, rocks), state, np.zeros(6)
+            stopping = np.zeros((k, d))
+            if len(rocks):
+                A = rows.C[rest, 2]
+                stopping[rest, 2] = np.linalg.lstsq(A @ P @ A.T, -u[rest, 2], rcond=DEPENDENT_CONTACT_ROWS)[0]
+                still, of_bases = _pushed(motion, state, hands, stopping[rest, 2] @ A)
+            moving = _accelerated(chain, still, accelerate, held, rest, P, reached, hands)
+            lifts = rocks[moving[1][rocks] == ContactMode.OPEN]
+            if not len(lifts):
+                break
+            rocks = np.setdiff1d(rocks, lifts)
+        state, mode, slip, begins, solution = moving
+        total, base = total + rows_in_world(rows.axes, stopping), base + of_bases
+        change += float((stopping * (0.5 * u + rows.carried)).sum())
         jammed = solution.status in (ContactStatus.JAMMED, ContactStatus.UNRESOLVED)
         if not jammed:
             break
@@ -168,6 +190,15 @@ def decided(
         base += np.concatenate([np.cross(state.object_frame.p + l, p), p])
     modes = ContactModes(mode, slip, hands, begins)
     return Decision(state, modes, total, base, change, jams, rebounding, solution.status)
+
+
+def _pushed(motion: ChainMotion, state: State, hands: tuple[Hand, ...], push: Array) -> tuple[State, Array]:
+    """Return the state after impulses on object and tips, and the impulse of all bases about the world's origin, (6,)."""
+    response = stacked_response(motion, state, hands, push)
+    base = _base_impulse(motion, response.found)
+    for hand, one in zip(hands, response.bases, strict=True):
+        base = base + shift_wrench(motion.chain.arms[hand.arm].base.p, one)
+    return quickened(state, response.change), base
 
 
 def _base_impulse(motion: ChainMotion, found: Solution) -> Array:
@@ -197,18 +228,20 @@ def _accelerated(
     (k, d), along = u.shape, tangents(u)
     mode, slip = np.zeros(k, int), np.zeros((k, d))
     sizes = np.linalg.norm(u[:, along], axis=1)
+    slowest = float(sizes[stays[rows.friction[stays] > 0.0]].min(initial=np.inf))
+    stopped = STOPPED_SPEED if slowest > STOPPED_SPEED else STOP_TOGETHER
     for j in stays:
-        slides = sizes[j] > STOPPED_SPEED or rows.friction[j] == 0.0
+        slides = sizes[j] > stopped or rows.friction[j] == 0.0
         mode[j] = ContactMode.SLIPS if slides else ContactMode.STICKS
     state = on_contacts(chain, state, ContactModes(mode, slip, hands), held)
     rows = touching_rows(chain, state, hands)
     u = rows.velocity(stacked_twist(chain, state, hands))
-    direction = np.where((sizes > STOPPED_SPEED)[:, None], u[:, along] / np.maximum(sizes, STOPPED_SPEED)[:, None], 0.0)
+    direction = np.where((sizes > stopped)[:, None], u[:, along] / np.maximum(sizes, stopped)[:, None], 0.0)
     direction /= np.maximum(np.linalg.norm(direction, axis=1), 1e-300)[:, None]
-    direction[sizes <= STOPPED_SPEED] = 0.0
+    direction[sizes <= stopped] = 0.0
     direction[rows.friction == 0.0] = 0.0
     b = rows.C @ stacked_acceleration(chain, state, hands, accelerate(state)) + rows.drift
-    found = solve_contacts(P, rows.C[stays], b[stays], rows.friction[stays], slide=direction[stays])
+    stays, found = _without_force(P, rows, b, direction, stays, reached.lifted)
     mode[:] = ContactMode.OPEN
     largest = float(np.abs(found.force).max(initial=0.0))
     of_world, owners = k - len(point_owners(hands)), point_owners(hands)
@@ -231,6 +264,32 @@ def _accelerated(
             slip[j] = slip_in_world(rows.axes[j], t)
     slips = np.flatnonzero((mode == ContactMode.SLIPS) & (rows.friction > 0.0))
     return state, mode, slip, frozenset(j for j in slips.tolist() if not direction[j].any()), found
+
+
+def _without_force(
+    P: Array, rows: ContactRows, b: Array, direction: Array, stays: Array, lifted: Sequence[int]
+) -> tuple[Array, ContactSolution]:
+    """Return the contacts that may carry a load, and forces: of those whose force has just vanished none, if that holds.
+
+    Redundant contacts have many shares. Another one, in which such a contact carries a load again, would not last.
+
+    Args:
+        P: mobility of object and tips.
+        rows: the contacts.
+        b: (k, 3 or 4) accelerations without contact forces.
+        direction: (k, 2 or 3) in which contacts slide already; 0 for those at rest.
+        stays: contacts that neither approach nor leave.
+        lifted: those whose normal force has just vanished.
+    """
+    bears = np.setdiff1d(stays, lifted)
+    for some in (bears, stays):
+        found = solve_contacts(P, rows.C[some], b[some], rows.friction[some], slide=direction[some])
+        left = np.setdiff1d(stays, some)
+        a = b[left, 2] + rows.C[left, 2] @ found.change
+        resolved = found.status not in (ContactStatus.JAMMED, ContactStatus.UNRESOLVED)
+        if len(some) == len(stays) or (resolved and a.min() >= -REMAINS * np.abs(b[stays]).max(initial=0.0)):
+            break
+    return some, found
 
 
 def _beginning(
