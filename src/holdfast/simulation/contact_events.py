@@ -185,6 +185,9 @@ def _log(t: float, names: Sequence[str], before: ContactModes | None, found: Dec
             text += "" if now == ContactMode.OPEN else f"; then it {ContactMode(now).name.lower()}"
         exerted: tuple[float, ...] = tuple(impulse.tolist()) if pushed else ()
         news.append(Occurrence(t, kind, name, f"'{name}' {text}{noted}", impulse=exerted))
+        if j in found.rocked:
+            text = f"'{name}' comes to rest: it rocks too slowly to follow"
+            news.append(Occurrence(t, "rest", name, text))
         if left := float(found.rebounding[j]):
             text = f"'{name}' comes to rest: its rebounds, too slow to follow, would end after another {left:.3g} s"
             news.append(Occurrence(t, "rest", name, text, rebounds_until=t + left))

@@ -1,9 +1,12 @@
 """What contacts do next, at an instant at which modes may change: impact first, then Coulomb's law for accelerations.
 
-1. Contacts whose gap is closed and which approach collide (`impact`). Below `REST_SPEED` there is no restitution.
+1. Contacts whose gap is closed and which approach collide (`impact`). Below `REST_SPEED` there is no restitution, and
+   contacts that such an impact makes leave as slowly are stopped if forces press them then: a box that rocks between
+   two of its edges strikes ever sooner, without end.
 2. Those that neither approach nor leave stay. If their tangential velocity is zero they are at rest, else they slide.
 3. At rest and sliding together, forces and accelerations satisfy Signorini's and Coulomb's laws (`solve_contacts`),
-   with the direction of friction given where a contact slides. Their modes hold until the next event.
+   with the direction of friction given where a contact slides. Their modes hold until the next event. A contact whose
+   force has just vanished carries none, if that satisfies the laws: redundant ones could share the load otherwise.
 4. If there are no such forces (Painleve), an impulse without a collision stops the slip: the contacts jam.
 """
 
@@ -89,6 +92,7 @@ class Decision(Frozen):
         rebounding: (k,) how much longer ever smaller rebounds would go on that are left out, because they are slow: the
             sum of 2 v e^i / a, i = 1, 2 ..., for an approach by v and an acceleration -a; 0 without them [s].
         status: of the forces from here on.
+        rocked: contacts that would have rocked to and fro, too slowly to follow.
     """
 
     state: State
@@ -99,6 +103,7 @@ class Decision(Frozen):
     jammed: bool
     rebounding: Array
     status: ContactStatus
+    rocked: tuple[int, ...] = ()
 
 
 def decided(
@@ -135,7 +140,7 @@ def decided(
     closed = np.flatnonzero(near)
     base = np.zeros(6)
     total, slow, change, jammed, jams = np.zeros((k, 3)), np.zeros(k), 0.0, False, False
-    mode, slip, solution, begins = np.zeros(k, int), np.zeros((k, d)), None, frozenset[int]()
+    mode, slip, solution, begins, rocks = np.zeros(k, int), np.zeros((k, d)), None, frozenset[int](), closed[:0]
     for _ in range(1 + JAMS):
         rows = touching_rows(chain, state, hands)
         motion = holding(chain_at_rest(chain, state), held)
@@ -189,7 +194,7 @@ def decided(
     for l, p in zip(rows.point[:of_world], total, strict=False):
         base += np.concatenate([np.cross(state.object_frame.p + l, p), p])
     modes = ContactModes(mode, slip, hands, begins)
-    return Decision(state, modes, total, base, change, jams, rebounding, solution.status)
+    return Decision(state, modes, total, base, change, jams, rebounding, solution.status, tuple(rocks.tolist()))
 
 
 def _pushed(motion: ChainMotion, state: State, hands: tuple[Hand, ...], push: Array) -> tuple[State, Array]:
