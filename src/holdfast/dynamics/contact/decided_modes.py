@@ -26,6 +26,7 @@ from holdfast.dynamics.contact.fixed_modes import (
     DEPENDENT_CONTACT_ROWS,
     STOPPED_SPEED,
     ContactModes,
+    RestResponses,
     on_contacts,
     slip_in_world,
     tangents,
@@ -34,17 +35,13 @@ from holdfast.dynamics.contact.rows import ContactRows, rows_in_world
 from holdfast.dynamics.contact.sliding_hands import (
     Hand,
     point_owners,
-    stacked_acceleration,
-    stacked_mobility,
     stacked_response,
     stacked_twist,
-    touching_rows,
 )
 from holdfast.dynamics.contact.solve_contacts import solve_contacts
 from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactSolution, ContactStatus
 from holdfast.dynamics.contact.touching_chain import CLOSED
 from holdfast.dynamics.projection import quickened
-from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
@@ -109,26 +106,29 @@ class Decision(Frozen):
 def decided(
     chain: ClosedChain,
     state: State,
-    accelerate: Callable[[State], ForwardResult],
+    accelerate: Callable[[State], Array],
     held: Array | None = None,
     reached: Reached | None = None,
     hands: tuple[Hand, ...] = (),
+    responses: RestResponses | None = None,
 ) -> Decision:
     """Return velocities and modes just after an instant. O(n) + O(l) + O(k) but for the solver's rounds.
 
     Args:
         chain: the chain, without the grasps of `hands`.
         state: the state just before; it satisfies the grasps.
-        accelerate: returns forward dynamics without contact forces at a state.
+        accelerate: returns the acceleration of object and tips without contact forces at a state, (6 + 6 hands,).
         held: rows of the grasps to impose, see `held_rows`.
         reached: what has just been located: contacts that are closed whatever their gap, whose normal force is zero,
             or which begin to slip.
         hands: hands that slide or may begin to; their points follow the contacts with the world.
+        responses: the chain's responses at rest; by default those of the reference.
 
     Raises:
         StateError: no impulses or forces satisfy the laws of contact.
     """
-    rows = touching_rows(chain, state, hands)
+    at_rest = responses or RestResponses(chain, held, hands)
+    rows = at_rest.rows(state)
     k, d = rows.C.shape[:2]
     near = rows.gap <= CLOSED
     reached = Reached([], [], {}) if reached is None else reached
@@ -136,15 +136,16 @@ def decided(
     touched = np.zeros(k, int)
     touched[reached.touched] = ContactMode.STICKS
     meets = ContactModes(touched, np.zeros((k, d)), hands)
-    state = on_contacts(chain, state, meets, held, velocities=False)  # or rebounds would sum up errors of location
+    state = on_contacts(
+        chain, state, meets, velocities=False, responses=at_rest
+    )  # or rebounds would sum up errors of location
     closed = np.flatnonzero(near)
     base = np.zeros(6)
     total, slow, change, jammed, jams = np.zeros((k, 3)), np.zeros(k), 0.0, False, False
     mode, slip, solution, begins, rocks = np.zeros(k, int), np.zeros((k, d)), None, frozenset[int](), closed[:0]
     for _ in range(1 + JAMS):
-        rows = touching_rows(chain, state, hands)
-        motion = holding(chain_at_rest(chain, state), held)
-        P, u = stacked_mobility(motion, hands), rows.velocity(stacked_twist(chain, state, hands))
+        rows, P = at_rest.rows(state), at_rest.mobility(state)
+        u = rows.velocity(stacked_twist(chain, state, hands))
         strikes = bool(len(closed) and (u[closed, 2].min() < -APPROACH_SPEED or jammed))
         slowly = strikes and not jammed and u[closed, 2].min() > -REST_SPEED
         if strikes:
@@ -159,6 +160,7 @@ def decided(
             left_out = (found.impulse[:, 2] > 0.0) & ~rebounds[closed] & (rows.restitution[closed] > 0.0)
             slow[closed] = np.where(left_out, -before[:, 2], slow[closed])
             change += found.energy_change + float((found.impulse * rows.carried[closed]).sum())
+            motion = holding(chain_at_rest(chain, state), held)
             state, of_bases = _pushed(motion, state, hands, found.wrench)
             total[closed] += rows_in_world(rows.axes[closed], found.impulse)
             base, u = base + of_bases, rows.velocity(stacked_twist(chain, state, hands))
@@ -170,8 +172,9 @@ def decided(
             if len(rocks):
                 A = rows.C[rest, 2]
                 stopping[rest, 2] = np.linalg.lstsq(A @ P @ A.T, -u[rest, 2], rcond=DEPENDENT_CONTACT_ROWS)[0]
+                motion = holding(chain_at_rest(chain, state), held)
                 still, of_bases = _pushed(motion, state, hands, stopping[rest, 2] @ A)
-            moving = _accelerated(chain, still, accelerate, held, rest, P, reached, hands)
+            moving = _accelerated(at_rest, still, accelerate, rest, P, reached)
             lifts = rocks[moving[1][rocks] == ContactMode.OPEN]
             if not len(lifts):
                 break
@@ -187,7 +190,7 @@ def decided(
     still = rows.restitution < 1.0
     pull = np.ones(k)
     if slow.any():
-        pull = -(rows.C @ stacked_acceleration(chain, state, hands, accelerate(state)) + rows.drift)[:, 2]
+        pull = -(rows.C @ accelerate(state) + rows.drift)[:, 2]
     e = np.where(still, rows.restitution, 0.0)
     rebounding = np.where((slow > 0.0) & (pull > 0.0), 2.0 * slow * e / (np.maximum(pull, 1e-300) * (1.0 - e)), 0.0)
     of_world = k - len(point_owners(hands))
@@ -198,7 +201,7 @@ def decided(
 
 
 def _pushed(motion: ChainMotion, state: State, hands: tuple[Hand, ...], push: Array) -> tuple[State, Array]:
-    """Return the state after impulses on object and tips, and the impulse of all bases about the world's origin, (6,)."""
+    """Return the state after impulses on object and tips, and the bases' impulse about the world's origin, (6,)."""
     response = stacked_response(motion, state, hands, push)
     base = _base_impulse(motion, response.found)
     for hand, one in zip(hands, response.bases, strict=True):
@@ -218,17 +221,15 @@ def _base_impulse(motion: ChainMotion, found: Solution) -> Array:
 
 
 def _accelerated(
-    chain: ClosedChain,
+    at_rest: RestResponses,
     state: State,
-    accelerate: Callable[[State], ForwardResult],
-    held: Array | None,
+    accelerate: Callable[[State], Array],
     stays: Array,
     P: Array,
     reached: Reached,
-    hands: tuple[Hand, ...],
 ) -> tuple[State, Array, Array, frozenset[int], ContactSolution]:
     """Return the state with velocities on the contacts that stay, modes, slips and which begin, and the forces."""
-    rows = touching_rows(chain, state, hands)
+    chain, hands, rows = at_rest.chain, at_rest.hands, at_rest.rows(state)
     u = rows.velocity(stacked_twist(chain, state, hands))
     (k, d), along = u.shape, tangents(u)
     mode, slip = np.zeros(k, int), np.zeros((k, d))
@@ -238,14 +239,14 @@ def _accelerated(
     for j in stays:
         slides = sizes[j] > stopped or rows.friction[j] == 0.0
         mode[j] = ContactMode.SLIPS if slides else ContactMode.STICKS
-    state = on_contacts(chain, state, ContactModes(mode, slip, hands), held)
-    rows = touching_rows(chain, state, hands)
+    state = on_contacts(chain, state, ContactModes(mode, slip, hands), responses=at_rest)
+    rows = at_rest.rows(state)
     u = rows.velocity(stacked_twist(chain, state, hands))
     direction = np.where((sizes > stopped)[:, None], u[:, along] / np.maximum(sizes, stopped)[:, None], 0.0)
     direction /= np.maximum(np.linalg.norm(direction, axis=1), 1e-300)[:, None]
     direction[sizes <= stopped] = 0.0
     direction[rows.friction == 0.0] = 0.0
-    b = rows.C @ stacked_acceleration(chain, state, hands, accelerate(state)) + rows.drift
+    b = rows.C @ accelerate(state) + rows.drift
     stays, found = _without_force(P, rows, b, direction, stays, reached.lifted)
     mode[:] = ContactMode.OPEN
     largest = float(np.abs(found.force).max(initial=0.0))
@@ -274,7 +275,7 @@ def _accelerated(
 def _without_force(
     P: Array, rows: ContactRows, b: Array, direction: Array, stays: Array, lifted: Sequence[int]
 ) -> tuple[Array, ContactSolution]:
-    """Return the contacts that may carry a load, and forces: of those whose force has just vanished none, if that holds.
+    """Return the contacts that may carry a load, and forces; what has just lost its force has none, if that holds.
 
     Redundant contacts have many shares. Another one, in which such a contact carries a load again, would not last.
 

@@ -148,9 +148,12 @@ def require_outside(chain: ClosedChain, state: State) -> None:
     others = int((rows.gap < -CLOSED).sum()) - 1
     raise StateError(
         f"simulation: state: '{of_shape}' is {-rows.gap[j]:.6g} m inside of '{shape}' ({type(one.shape).__name__}; gap"
-        f" {rows.gap[j]:.6g} m)" + f", and {others} more contacts penetrate" * (others > 0) + ", expected gaps >= 0 at the"
-        f" start; try to move the object by {-rows.gap[j]:.6g} m along ({', '.join(f'{x:.4g}' for x in normal)}), check the"
-        " side to which the shape's normal points and `inside=`, or list the `pairs` that may touch"
+        f" {rows.gap[j]:.6g} m)"
+        + f", and {others} more contacts penetrate"
+        * (others > 0)
+        + ", expected gaps >= 0 at the"
+        f" start; try to move the object by {-rows.gap[j]:.6g} m along ({', '.join(f'{x:.4g}' for x in normal)}), check"
+        " the side to which the shape's normal points and `inside=`, or list the `pairs` that may touch"
     )
 
 

@@ -29,6 +29,7 @@ from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.projection import Change, Gap
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.adaptive import Tolerance
+from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.contact_stepper import TOUCH_WRENCH, ContactStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
@@ -170,6 +171,11 @@ class StagewiseContactStepper(StagewiseStepper):
             else _late(found, row, stages[row], touches[row])
             for row, one in enumerate(requests)
         ]
+
+    def accelerations(self, origin: Origin, state: State) -> Array:
+        """Return the acceleration of the object without contact forces, (6,), at a time and with a memory."""
+        stage = self._driven(self._stage_inputs(origin.t, state), state, origin.memory)
+        return self._run([state], [stage], origin.memory, None, held=True)["object_acceleration"][0]
 
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""
