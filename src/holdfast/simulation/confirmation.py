@@ -46,6 +46,7 @@ SHARE = 0.05  # steps are too long if their results differ by more than this par
 NEGLIGIBLE_DIFFERENCE = 1e-6  # smaller differences (relative, or absolute below 1) are ignored
 MOST_REPEATED_PARTS = 16  # largest number of parts in which a failed step is repeated
 MOST_STEPS_TRIED = 200  # largest number of steps for which a suggested length is tried
+MOST_IN_CONTACT = 200  # steps in all for that, while contacts press: such a step takes tens of milliseconds
 SUGGESTED_HALVINGS = 8
 
 
@@ -249,10 +250,14 @@ def _working(window: Window, until: float, step: float) -> float:
     """Return the longest step, of a step and its repeated halves, that agrees with half steps; NaN if there is none.
 
     The steps are tried on the whole window, or on its beginning if the window would take too many of them.
+    While contacts press, fewer lengths are tried.
     """
     stepper, begin = window.segment.stepper, window.begin
+    left = math.inf if window.segment.contacts is None else MOST_IN_CONTACT
     for tried in step * 0.5 ** np.arange(SUGGESTED_HALVINGS):
         count = min(math.ceil((until - begin.t) / tried), MOST_STEPS_TRIED)
+        if (left := left - 3 * count) < 0:
+            break
         end = min(begin.t + count * tried, until)
         if _agree(begin, *(in_parts(stepper, begin, end, parts) for parts in (count, 2 * count))):
             return float(f"{tried:.2g}")

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from holdfast.dynamics.contact.decided_modes import Decision, Reached, decided
-from holdfast.dynamics.contact.fixed_modes import STOPPED_SPEED, ContactModes, Touch, slip_in_world, tangents
-from holdfast.dynamics.contact.sliding_hands import touching_rows, without_hands
+from holdfast.dynamics.contact.fixed_modes import (
+    STOPPED_SPEED,
+    ContactModes,
+    RestResponses,
+    Touch,
+    slip_in_world,
+    tangents,
+)
+from holdfast.dynamics.contact.sliding_hands import Hand, stacked_acceleration, touching_rows, without_hands
 from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactStatus
-from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -32,6 +39,18 @@ from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.segment import Segment, segment_with
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
+
+
+@runtime_checkable
+class WithoutContacts(Protocol):
+    """A stepper that answers what is asked at a change of modes."""
+
+    responses: RestResponses
+
+    def accelerations(self, origin: Origin, state: State) -> Array:
+        """Return the acceleration of the object without contact forces, (6,)."""
+        ...
+
 
 EVENTS_WAY, IMPULSES_WAY = "events", "steps"
 WAYS = (EVENTS_WAY, IMPULSES_WAY)
@@ -129,23 +148,19 @@ def with_modes(
     if taking.grasps:
         others = without_hands(chain, taking.grasps).grasps
         deciding = segment_with(segment, others, origin, taking.hands)
-    environment, generic_rank, law = deciding.environment, deciding.generic_rank, deciding.controller
-    free = evaluate(environment, law, origin.t, origin.state, origin.memory, generic_rank=generic_rank)
-    held = free.result.held
-    if taking.hands:
-        require_standing(free.inputs)
-
-    def accelerate(state: State) -> ForwardResult:
-        of = environment, law, origin.t, state, origin.memory
-        return evaluate(*of, generic_rank=generic_rank, held=held).result
-
-    found = decided(free.chain, origin.state, accelerate, held, by, taking.hands)
+    stepper = None if deciding.contacts is None else deciding.stepper
+    if isinstance(stepper, WithoutContacts):
+        found = decided(
+            chain, origin.state, partial(stepper.accelerations, origin), None, by, responses=stepper.responses
+        )
+    else:
+        found = _decided_by_reference(deciding, origin, taking.hands, by)
     names = () if chain.touching is None else chain.touching.names
     news = _log(origin.t, names, None if before is None else before.modes, found)
     sums = sums._replace(impact=sums.impact + found.energy_change, base_impulse=sums.base_impulse + found.outer_impulse)
     origin, modes = replace(origin, state=found.state), found.modes
     if taking.hands:
-        grasps, modes, of_hands = hands_after(environment.chain, found, taking, origin.t)
+        grasps, modes, of_hands = hands_after(deciding.environment.chain, found, taking, origin.t)
         news = [*news, *of_hands]
         if {**grasps} != {**chain.grasps} or not same_hands(modes.hands, segment.hands):
             segment = segment_with(segment, grasps, origin, modes.hands)
@@ -154,6 +169,21 @@ def with_modes(
     gap = touching_rows(segment.environment.chain_at(origin.t), origin.state, modes.hands).gap
     least_gap = None if segment.settings.by_impulses else np.minimum(gap, 0.0)
     return replace(segment, contacts=modes, least_gap=least_gap), origin, sums, news
+
+
+def _decided_by_reference(deciding: Segment, origin: Origin, hands: tuple[Hand, ...], by: Reached | None) -> Decision:
+    environment, generic_rank, law = deciding.environment, deciding.generic_rank, deciding.controller
+    free = evaluate(environment, law, origin.t, origin.state, origin.memory, generic_rank=generic_rank)
+    held = free.result.held
+    if hands:
+        require_standing(free.inputs)
+
+    def accelerate(state: State) -> Array:
+        of = environment, law, origin.t, state, origin.memory
+        found = evaluate(*of, generic_rank=generic_rank, held=held).result
+        return stacked_acceleration(free.chain, state, hands, found)
+
+    return decided(free.chain, origin.state, accelerate, held, by, hands)
 
 
 def _log(t: float, names: Sequence[str], before: ContactModes | None, found: Decision) -> list[Occurrence]:
@@ -185,6 +215,9 @@ def _log(t: float, names: Sequence[str], before: ContactModes | None, found: Dec
             text += "" if now == ContactMode.OPEN else f"; then it {ContactMode(now).name.lower()}"
         exerted: tuple[float, ...] = tuple(impulse.tolist()) if pushed else ()
         news.append(Occurrence(t, kind, name, f"'{name}' {text}{noted}", impulse=exerted))
+        if j in found.rocked:
+            text = f"'{name}' comes to rest: it rocks too slowly to follow"
+            news.append(Occurrence(t, "rest", name, text))
         if left := float(found.rebounding[j]):
             text = f"'{name}' comes to rest: its rebounds, too slow to follow, would end after another {left:.3g} s"
             news.append(Occurrence(t, "rest", name, text, rebounds_until=t + left))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.dynamics.contact.touching_chain import require_outside
 from holdfast.dynamics.near_singular import NEAR_SINGULAR, nearly_lost, weakest_strength
 from holdfast.errors import HoldfastError
 from holdfast.model.grasp_rows import row_name
@@ -47,9 +48,11 @@ def start_of_run(settings: RunSettings, state: State) -> RunState:
     """Return a run at its start.
 
     Raises:
-        StateError: the state violates a grasp, or the controller's torques have a wrong shape or are not finite.
+        StateError: the state violates a grasp, a point is inside a shape, or the controller's torques have a wrong
+            shape or are not finite.
         SingularChainError: the configuration is singular.
     """
+    require_outside(settings.environment.chain_at(0.0), state)
     segment, news = suited(first_segment(settings, Origin(0.0, state, None)), 0.0, state)
     now, gaps = segment.stepper.start(0.0, state, None)
     held, memory = segment.sampled(0.0, now.state, initial_hold(settings.hold), None)

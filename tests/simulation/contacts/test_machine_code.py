@@ -8,7 +8,7 @@ import pytest
 import holdfast as hf
 from holdfast.simulation import simulate as simulated
 from holdfast.simulation.contact_stepper import ContactStepper
-from holdfast.simulation.rollout.contact_stages import StagewiseContactStepper, contact_stepper_for
+from holdfast.simulation.rollout.contact_stages import ContactSteppers, StagewiseContactStepper
 from holdfast.world import HalfSpace, Touching, corners
 from tests.control.two_pandas import two_pandas
 
@@ -31,7 +31,7 @@ def test_as_the_reference(monkeypatch, gap):
     """At rest on the table, and across an impact: samples and log agree to 1e-9 of what they are."""
     chain, state, law = lowering(gap)
     fast = hf.simulate(chain, state, law, 0.01, 0.0025, contacts="events")
-    monkeypatch.setattr(simulated, "contact_stepper_for", ContactStepper)
+    monkeypatch.setattr(simulated, "ContactSteppers", lambda: ContactStepper)
     true = hf.simulate(chain, state, law, 0.01, 0.0025, contacts="events")
     assert [(one.kind, one.name) for one in fast.occurrences] == [(one.kind, one.name) for one in true.occurrences]
     assert np.abs(fast.t - true.t).max() < 1e-12 and fast.stopped is true.stopped is None
@@ -45,14 +45,14 @@ def test_as_the_reference(monkeypatch, gap):
 def test_which_chains():
     """Machine code takes chains with independent grasps that stand still; the reference takes the others."""
     chain, state, law = lowering(0.0)
-    made = []
+    made, steppers = [], ContactSteppers()
 
     def noting(*of):
-        made.append(contact_stepper_for(*of))
+        made.append(steppers(*of))
         return made[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(simulated, "contact_stepper_for", noting)
+        patch.setattr(simulated, "ContactSteppers", lambda: noting)
         hf.simulate(chain, state, law, 0.002, 0.002)
         assert isinstance(made[-1], StagewiseContactStepper)
         free = hf.ClosedChain({}, chain.held_object, {}, touching=chain.touching)

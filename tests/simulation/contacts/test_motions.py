@@ -6,7 +6,7 @@ import pytest
 import holdfast as hf
 from holdfast.io.contact_motion import error_of
 from holdfast.simulation.checkpoint import Checkpoint
-from holdfast.world import HalfSpace, Touching, corners
+from holdfast.world import HalfSpace, Sphere, Touching, corners
 from tests.systems.stored_cases import stored_cases
 
 STORED = stored_cases("cases_contact.json")
@@ -136,6 +136,19 @@ def test_refusals():
     for call, says in refused:
         with pytest.raises(hf.HoldfastError, match=says):
             call()
+
+
+@pytest.mark.parametrize("contacts", ["events", "steps"])
+def test_a_start_inside_a_shape_is_refused(contacts):
+    """The message has the gap, point and shape, and the displacement that frees the object."""
+    ball = Sphere([0.0, 0.0, 0.0], 0.1)
+    wall = HalfSpace(normal=[1.0, 0.0, 0.0])
+    chain = hf.ClosedChain({}, hf.HeldObject.sphere(1.0, 0.1), {}, touching=Touching({"ball": ball}, {"wall": wall}))
+    inside, outside = (hf.State([], [], [1, 0, 0, 0, x, 0, 0], np.zeros(6)) for x in (0.07, 0.1 - 1e-12))
+    says = r"'ball' is 0.03 m inside of 'wall' \(HalfSpace; gap -0.03 m\).*move the object by 0.03 m along \(1, 0, 0\)"
+    with pytest.raises(hf.HoldfastError, match=says):
+        hf.simulate(chain, inside, none, 0.02, 0.01, contacts=contacts)
+    assert hf.simulate(chain, outside, none, 0.02, 0.01, contacts=contacts).stopped is None
 
 
 def test_folder_keeps_contacts(tmp_path):

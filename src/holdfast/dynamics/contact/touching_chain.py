@@ -24,6 +24,7 @@ from holdfast.dynamics.contact.solved_contacts import ContactSolution, ContactSt
 from holdfast.dynamics.projection import Change
 from holdfast.dynamics.tree.of_chain import object_response, solved_again
 from holdfast.errors import ContactError, StateError
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.world.touching import Touching
 from holdfast.spatial.scalar import Array, array, each
 from holdfast.state import State
@@ -127,6 +128,33 @@ def require_no_approach(touching: Touching, rows: ContactRows, twist: Array) -> 
             f"contact '{touching.names[fastest]}' is closed and approaches with {-approach[fastest]:.3g} m/s, expected"
             " a state at rest or sliding there; try holdfast.touch, which returns the state after the impact"
         )
+
+
+def require_outside(chain: ClosedChain, state: State) -> None:
+    """Refuse a state in which a point of the object is inside a shape, or one of the world inside the object's.
+
+    Raises:
+        StateError: naming the deepest.
+    """
+    touching = chain.touching
+    if touching is None or not touching.candidates:
+        return
+    rows = contact_rows(touching, state.object_frame, state.object_twist)
+    j = int(np.argmin(rows.gap))
+    if rows.gap[j] >= -CLOSED:
+        return
+    one, normal = touching.candidates[j], rows.axes[j][2]
+    of_shape, shape = touching.names[j].rsplit("/", 1)
+    others = int((rows.gap < -CLOSED).sum()) - 1
+    raise StateError(
+        f"simulation: state: '{of_shape}' is {-rows.gap[j]:.6g} m inside of '{shape}' ({type(one.shape).__name__}; gap"
+        f" {rows.gap[j]:.6g} m)"
+        + f", and {others} more contacts penetrate"
+        * (others > 0)
+        + ", expected gaps >= 0 at the"
+        f" start; try to move the object by {-rows.gap[j]:.6g} m along ({', '.join(f'{x:.4g}' for x in normal)}), check"
+        " the side to which the shape's normal points and `inside=`, or list the `pairs` that may touch"
+    )
 
 
 def _least_slip(twist: Array) -> float:

@@ -29,6 +29,7 @@ from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.projection import Change, Gap
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.adaptive import Tolerance
+from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.contact_stepper import TOUCH_WRENCH, ContactStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
@@ -171,6 +172,11 @@ class StagewiseContactStepper(StagewiseStepper):
             for row, one in enumerate(requests)
         ]
 
+    def accelerations(self, origin: Origin, state: State) -> Array:
+        """Return the acceleration of the object without contact forces, (6,), at a time and with a memory."""
+        stage = self._driven(self._stage_inputs(origin.t, state), state, origin.memory)
+        return self._run([state], [stage], origin.memory, None, held=True)["object_acceleration"][0]
+
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""
         systems = systems_at(self.kernel, arrays)
@@ -228,24 +234,49 @@ def responses_of(chain: ClosedChain) -> CompiledResponses:
     return CompiledResponses(changed(chain, touching=None), touched=chain)
 
 
-def contact_stepper_for(
-    environment: Environment,
-    controller: Controller,
-    generic_rank: int,
-    scheme: Tableau,
-    tolerance: Tolerance,
-    modes: ContactModes,
-) -> Stepper:
-    """Return the most suitable stepper for a stretch of a run in fixed modes; their results agree up to rounding.
+class ContactSteppers:
+    """Makes the steppers of a run in fixed modes; see `MakeContactStepper`. Stretches in machine code share theirs."""
 
-    Machine code takes chains whose grasps are independent, that stand still, and in which nothing is elastic.
-    """
+    def __init__(self) -> None:
+        """Begin without a stepper."""
+        self._last: StagewiseContactStepper | None = None
+
+    def __call__(
+        self,
+        environment: Environment,
+        controller: Controller,
+        generic_rank: int,
+        scheme: Tableau,
+        tolerance: Tolerance,
+        modes: ContactModes,
+    ) -> Stepper:
+        """Return the most suitable stepper for a stretch; the results of all steppers agree up to rounding.
+
+        Machine code takes chains whose grasps are independent, that stand still, and in which nothing is elastic.
+        """
+        of = environment, controller, generic_rank, scheme, tolerance
+        if modes.hands or generic_rank != environment.chain.constraint_row_count or not _in_machine_code(*of[::3]):
+            return ContactStepper(*of, modes)
+        last = self._last
+        if last is not None and all(x is y for x, y in zip(of, (getattr(last, name) for name in _SHARED), strict=True)):
+            made = replace(last, modes=modes)
+            vars(made)["kernel"] = last.kernel
+        else:
+            law = law_of(controller, environment.chain)
+            made = StagewiseContactStepper(*of, law, modes, responses_of(environment.chain))
+        self._last = made
+        return made
+
+
+_SHARED = ("environment", "controller", "generic_rank", "scheme", "tolerance")
+
+
+def _in_machine_code(environment: Environment, scheme: Tableau) -> bool:
     chain, inputs = environment.chain, environment.inputs
     elastic = chain.springs or chain.bushings or any(joint.stiffness for joint in chain.all_joints)
     plain = isinstance(inputs, Inputs) and all(x is None for name, x in vars(inputs).items() if name != "object_wrench")
     left_out = (
-        modes.hands
-        or chain.touching is None
+        chain.touching is None
         or chain.touching.without_machine_code
         or not chain.arms
         or chain.floats
@@ -254,7 +285,4 @@ def contact_stepper_for(
         or not plain
         or environment.base_motion
     )
-    of = environment, controller, generic_rank, scheme, tolerance
-    if left_out or generic_rank != chain.constraint_row_count:
-        return ContactStepper(*of, modes)
-    return StagewiseContactStepper(*of, law_of(controller, chain), modes, responses_of(chain))
+    return not left_out
