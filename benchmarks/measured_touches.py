@@ -80,8 +80,8 @@ def touching(chain: hf.ClosedChain, side: str) -> None:
         assert found.held_out is not None
         (turn, shift), (later_turn, later_shift) = found.errors["touch"], found.held_out["touch"]
         print(
-            f"{side:<6} {title:<42} {len(found.names):>3} unknowns, fitted {1e3 * shift:.2f} mm {np.degrees(turn):.2f} deg,"
-            f" held out {1e3 * later_shift:.2f} mm {np.degrees(later_turn):.2f} deg"
+            f"{side:<6} {title:<42} {len(found.names):>3} unknowns, fitted {1e3 * shift:.2f} mm"
+            f" {np.degrees(turn):.2f} deg, held out {1e3 * later_shift:.2f} mm {np.degrees(later_turn):.2f} deg"
         )
 
 
