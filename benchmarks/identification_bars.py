@@ -128,6 +128,7 @@ def synthetic(seeds: int, rate: float) -> bool:
     right, slope = unknowns.plain(z)
     F = information_of(rows, unknowns, z, sizes / np.sqrt(average))
     bound = np.sqrt(np.diag(slope @ np.linalg.inv(F) @ slope.T))
+    show_bounds(rows, unknowns, F, bound, right, sizes / np.sqrt(average))
     groups = {
         "mass": np.array([0]),
         "com": np.arange(1, 4),
@@ -158,10 +159,7 @@ def synthetic(seeds: int, rate: float) -> bool:
             size = relative(name, rms[of], right[of])
             if name == "friction":
                 size += f"; of its torque {100 * rubbed(given, errors, unknowns):.2f} %"
-                worst = of[int(np.argmax(rms[of] / np.abs(right[of])))]
-                joint = int(np.flatnonzero(unknowns.where(unknowns.kind_of[worst]) == worst)[0])
-                mean = sizes[joint] / np.sqrt(average * len(rows.y)) / np.abs(right[worst])
-                size += f" ({unknowns.names[worst]}, of which the mean of all noise is {100 * mean:.2f} %)"
+                size += f" ({unknowns.names[of[int(np.argmax(rms[of] / np.abs(right[of])))]]})"
             print(f"{name:10} {ratio:17.3f}   {100 * np.mean(inside):10.1f} %   {100 * np.mean(each):12.1f} %   {size}")
             met &= name == "inertia" or kind != "white" or ratio <= 1.15
             met &= all(WITHIN[0] <= float(np.mean(one)) <= WITHIN[1] for one in (inside, each))
@@ -172,6 +170,23 @@ def synthetic(seeds: int, rate: float) -> bool:
             met &= bool((rms[groups["armature"]] <= 0.05 * right[groups["armature"]]).all())
     print(f"bars {'met' if met else 'MISSED'}", flush=True)
     return met
+
+
+def show_bounds(
+    rows: MachineRows, unknowns: MachineUnknowns, F: np.ndarray, bound: np.ndarray, right: np.ndarray, noise: np.ndarray
+) -> None:
+    """Print the Cramer-Rao bounds of single coefficients of damping and dry friction, in percent.
+
+    The second bound is that of a coefficient which is the only unknown; the third is the mean of all noise of the
+    joint, which no motion with these torques goes below.
+    """
+    print(f"{'bounds [%]':26} damping   friction   if it alone were unknown   if its joint always slid, alone")
+    damping, friction = unknowns.where("damping"), unknowns.where("friction")
+    alone, mean = 1.0 / np.sqrt(np.diag(F)), noise / np.sqrt(len(rows.y))
+    for k, (d, f) in enumerate(zip(damping, friction, strict=True)):
+        shares = 100 * np.array([bound[d] / right[d], *(np.array([bound[f], alone[f], mean[k]]) / right[f])])
+        name = unknowns.names[f].removesuffix(" friction")
+        print(f"{name:26} {shares[0]:7.2f} {shares[1]:10.2f} {shares[2]:26.2f} {shares[3]:33.2f}", flush=True)
 
 
 def rubbed(given: Recording, errors: np.ndarray, unknowns: MachineUnknowns) -> float:

@@ -31,6 +31,7 @@ OFF_THE_TABLE = 0.05  # m above the lowest tool position; lower, the box was see
 STEP = 5  # every fifth sample, 10 Hz
 FEWEST = 10  # samples of a run that can be used
 G = 9.81
+LARGEST_GAP, LARGEST_MISS = 0.4, 5.0  # bars: tool positions [mm rms], difference of two masses [%]
 FITTED = ("dual_ur5e_2.4kg", "dual_ur5e_4.4kg")
 NAME = re.compile(r"dual_ur5e_(\d+(?:[.,]\d+)?) ?kg.*")
 NEEDED = tuple(
@@ -202,9 +203,14 @@ WAYS: dict[str, Callable[[Any], Any]] = {
 def readings(run: dict[str, Any]) -> Any:
     """Return vertical forces of left and right, and the mean of their normal forces, (samples, 3), off the table."""
     k = held(run)
-    k = k[run["tcp_L_z"][k] > run["tcp_L_z"].min() + OFF_THE_TABLE]
+    k = k[lifted(run, k)]
     normal = 0.5 * (run["normal_force_L"] + run["normal_force_R"])
     return np.column_stack([run["force_L_z"], run["force_R_z"], normal])[k]
+
+
+def lifted(run: dict[str, Any], k: Any) -> Any:
+    """Return which of some samples have the box off the table."""
+    return run["tcp_L_z"][k] > run["tcp_L_z"].min() + OFF_THE_TABLE
 
 
 def fit(way: Callable[[Any], Any], given: list[tuple[Any, float]]) -> Any:
@@ -222,8 +228,10 @@ def fit(way: Callable[[Any], Any], given: list[tuple[Any, float]]) -> Any:
     return particular - free @ np.linalg.lstsq(within @ free, within @ particular, rcond=None)[0]
 
 
-def masses(runs: dict[str, dict[str, Any]]) -> None:
+def masses(runs: dict[str, dict[str, Any]]) -> bool:
     """Print masses from forces: the second halves of the fitted runs by the first, and all other runs by all of these.
+
+    Returned is whether the last way predicts the difference of the second halves by the first ones within 5 %.
 
     The deviation of a mass is the root mean square of the errors of halves that the other halves predict, which
     includes what sensors drift, and by how much the coefficients of the two halves differ on the run in question, which
@@ -233,16 +241,19 @@ def masses(runs: dict[str, dict[str, Any]]) -> None:
     stated = {name: mass_of(name) for name in runs}
     read = {name: readings(run) for name, run in runs.items()}
     for name, run in runs.items():
-        k = held(run)
-        across = np.hypot(*(columns(run, "force_L_x", "force_L_y") - columns(run, "force_R_x", "force_R_y"))[k].T)
+        across = (columns(run, "force_L_x", "force_L_y") - columns(run, "force_R_x", "force_R_y"))[held(run)]
+        halves = np.array_split(across[lifted(run, held(run))], 2)
+        first, second = ("{:+.1f} and {:+.1f} N".format(*half.mean(axis=0)) for half in halves)
         print(
             f"\n{name}: {len(read[name])} samples off the table, squeezed by {read[name][:, 2].mean():.0f} N;"
-            f" horizontal forces that should cancel: {across.mean():.1f} N"
+            f" horizontal forces that should cancel: {np.hypot(*across.T).mean():.1f} N, along x and y"
+            f" {first} in the first half, {second} in the second"
         )
     lightest, heaviest = min(fitted, key=stated.__getitem__), max(fitted, key=stated.__getitem__)
     if stated[lightest] == stated[heaviest]:
         print("\nmasses: expected two runs with different masses to fit, got one mass")
-        return
+        return False
+    met = False
     for title, way in WAYS.items():
         print(f"\n{title}")
         errors, by_half = list[float](), []
@@ -255,6 +266,8 @@ def masses(runs: dict[str, dict[str, Any]]) -> None:
             shown = ", ".join(f"{stated[name]:g} kg -> {found[name].mean():.2f}" for name in fitted)
             between, right = found[heaviest].mean() - found[lightest].mean(), stated[heaviest] - stated[lightest]
             off = 100.0 * (between / right - 1.0)
+            met = abs(off) <= LARGEST_MISS if of == (0, 1) else met
+            shown += f" ({', '.join(f'{G * (found[name].mean() - stated[name]):+.1f} N' for name in fitted)})"
             shown += f", by {np.array2string(c, precision=3)}"
             print(f"  {said}: {shown}; difference {between:.2f} of {right:.2f} kg ({off:+.1f} %)")
         c = fit(way, [(read[name], stated[name]) for name in fitted])
@@ -274,6 +287,7 @@ def masses(runs: dict[str, dict[str, Any]]) -> None:
                 f"  {name}: {found_mass.mean():.2f} +- {unsure:.2f} kg, stated {stated[name]:g} kg;"
                 f" varies by {found_mass.std():.2f} kg within the run{beyond(read, fitted, name)}"
             )
+    return met
 
 
 def beyond(read: dict[str, Any], fitted: list[str], name: str) -> str:
@@ -283,15 +297,17 @@ def beyond(read: dict[str, Any], fitted: list[str], name: str) -> str:
     return "" if low <= mean <= high else f"; its squeeze, {mean:.0f} N, is beyond the {low:.0f} .. {high:.0f} N fitted"
 
 
-def main(folder: Path) -> None:
-    """Print all tables."""
+def main(folder: Path) -> bool:
+    """Print all tables; return whether the bars are met."""
     runs = runs_of(folder)
     if not runs:
         raise SystemExit(f"{folder}: expected dual_ur5e_*kg.csv; docs/measured_robots.md says where to get them")
     tool: dict[str, hf.Pose] = {}
     by_arm: dict[str, Calibration] = {}
+    gaps = list[float]()
     for name in fitted_of(runs):
         by_arm = tools(name, runs[name])
+        gaps += [1e3 * one.errors["tool"][1] for one in by_arm.values()]
         tool = {side: found.markers["tool"] for side, found in by_arm.items()}
     for name in [name for name in runs if name not in fitted_of(runs)]:
         later = {side: found.errors_of(tool_postures(runs[name], side)) for side, found in by_arm.items()}
@@ -302,7 +318,7 @@ def main(folder: Path) -> None:
         closure(runs, json.loads(beside.read_text(encoding="utf-8")), tool)
     else:
         print(f"closure is left out: expected grasp points in {beside.name}, got no such file")
-    masses(runs)
+    return masses(runs) and max(gaps) <= LARGEST_GAP
 
 
 if __name__ == "__main__":

@@ -20,23 +20,25 @@ from holdfast.calibration import ClosureNoise
 
 DATA = Path(__file__).parents[1] / "tests" / "data" / "talos_table_contact"
 FOLDER = Path(os.environ.get("HOLDFAST_ROBOTS", "results/robots"))
-TABLE, FINGERS = (0.30, 0.28, 1.0), (0.0, 0.0, -0.12)  # guesses, from the sole and on the gripper [m]
+TABLE, FINGERS = (0.30, 0.28, 1.0), (0.0, 0.0, -0.12)  # guesses, from the left sole and on the gripper [m]
 NOISE = ClosureNoise(turn=3e-3, shift=1e-3)
 FRAMES = ["bases:table", "tips:touch"]
-GEOMETRY = [*FRAMES, "geometry:left", "offsets:left"]
+GEOMETRY = [*FRAMES, "geometry:arm", "offsets:arm"]
 PRIORS = (1e-3, 2e-3, 4e-3, 8e-3)  # [rad] of turns of axes; half of it of their shifts [m], twice of offsets
 
 
-def standing(urdf: Path) -> hf.ClosedChain:
-    """Return the chain from the left sole to the left gripper, which touches a table."""
+def standing(urdf: Path, side: str) -> hf.ClosedChain:
+    """Return the chain from the sole of a side to its gripper, which touches a table."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", hf.errors.ModelWarning)
-        arm = hf.load_urdf(urdf, base="left_sole_link", tip="gripper_left_base_link", lock_others=True, physical=False)
+        ends = {"base": f"{side}_sole_link", "tip": f"gripper_{side}_base_link"}
+        arm = hf.load_urdf(urdf, **ends, lock_others=True, physical=False)
     arm = replace(arm, frames={"fingers": (arm.joint_count - 1, arm.tip @ hf.Pose.translation(*FINGERS))})
-    top = hf.Arm([hf.Joint("prismatic")], [hf.Link(1.0, name="top")], base=hf.Pose.translation(*TABLE))
-    touch = hf.Closure("left/fingers", "table/top", hf.Grasp("planar"))
+    at = np.array(TABLE) * (1.0, 1.0 if side == "left" else -1.0, 1.0)
+    top = hf.Arm([hf.Joint("prismatic")], [hf.Link(1.0, name="top")], base=hf.Pose.translation(*at))
+    touch = hf.Closure("arm/fingers", "table/top", hf.Grasp("planar"))
     unheld = hf.HeldObject.box(1.0, 0.1, 0.1, 0.1)
-    return hf.ClosedChain({"left": arm, "table": top}, unheld, {}, loops={"touch": touch})
+    return hf.ClosedChain({"arm": arm, "table": top}, unheld, {}, loops={"touch": touch})
 
 
 def postures(chain: hf.ClosedChain, name: str) -> Any:
@@ -44,7 +46,7 @@ def postures(chain: hf.ClosedChain, name: str) -> Any:
     with (DATA / f"{name}.csv").open() as file:
         head, *rows = csv.reader(file)
     table = dict(zip(head, np.array(rows, float).T, strict=True))
-    return np.column_stack([*(table[joint.name] for joint in chain.arms["left"].joints), np.zeros(len(rows))])
+    return np.column_stack([*(table[joint.name] for joint in chain.arms["arm"].joints), np.zeros(len(rows))])
 
 
 def main(urdf: Path | None = None) -> None:
@@ -54,8 +56,13 @@ def main(urdf: Path | None = None) -> None:
     )
     if path is None:
         raise SystemExit("expected TALOS's URDF file; try `make robots`, or give its path")
-    chain = standing(path)
-    train, held = postures(chain, "left_train"), postures(chain, "left_validation")
+    for side in ("left", "right"):
+        touching(standing(path, side), side)
+
+
+def touching(chain: hf.ClosedChain, side: str) -> None:
+    """Print fitted and held-out errors of one side."""
+    train, held = postures(chain, f"{side}_train"), postures(chain, f"{side}_validation")
     for title, seek, prior, largest in (
         ("table and fingers", FRAMES, None, 1.0),
         ("and joints, known to 10 mrad, 10 mm", GEOMETRY, None, 0.01),
@@ -73,8 +80,8 @@ def main(urdf: Path | None = None) -> None:
         assert found.held_out is not None
         (turn, shift), (later_turn, later_shift) = found.errors["touch"], found.held_out["touch"]
         print(
-            f"{title:<42} {len(found.names):>3} unknowns, fitted {1e3 * shift:.2f} mm {np.degrees(turn):.2f} deg,"
-            f" held out {1e3 * later_shift:.2f} mm {np.degrees(later_turn):.2f} deg"
+            f"{side:<6} {title:<42} {len(found.names):>3} unknowns, fitted {1e3 * shift:.2f} mm"
+            f" {np.degrees(turn):.2f} deg, held out {1e3 * later_shift:.2f} mm {np.degrees(later_turn):.2f} deg"
         )
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.measured_robots import EVERY, columns, convert_gen3, convert_panda
+from benchmarks.measured_robots import EVERY, LOGS, columns, convert_gen3, convert_panda, main
 
 
 def test_a_log_of_the_panda_has_one_number_a_line(tmp_path):
@@ -41,3 +41,14 @@ def test_a_log_of_the_gen3_has_other_columns_too(tmp_path):
 def test_an_absent_source_is_named(tmp_path):
     with pytest.raises(SystemExit, match=r"expected exciting_traj_time\.txt in it, got none"):
         convert_panda(tmp_path, tmp_path)
+
+
+def test_robots_without_logs_are_left_out_and_named_if_asked_for(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["measured_robots", str(tmp_path)])
+    assert main() == 0
+    said = capsys.readouterr().out
+    for log in LOGS.values():
+        assert f"left out: expected {log}" in said
+    monkeypatch.setattr("sys.argv", ["measured_robots", str(tmp_path), "ur5e"])
+    with pytest.raises(SystemExit, match=r"ur5e: expected dual_ur5e_\*kg\*\.csv"):
+        main()

@@ -145,24 +145,46 @@ def regressor(
     base = acceleration_of_base(chain, base_acceleration)
     given = shaped_inputs(chain, inputs)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
+    found = regressor_of(motion, state, qdd, alpha, base, given)
+    for x in (found.object, found.object_wrench, found.drives, found.base_wrench):
+        checks.finite(x, "regressor")
+    for x in (*found.links.values(), *found.under.values(), *found.base.values()):
+        checks.finite(x, "regressor")
+    return found
+
+
+def regressor_of(
+    motion: ChainMotion, state: State, qdd: Array, alpha: Array, base: Array | None, given: Inputs
+) -> Regressor:
+    """Return the regressor of a chain's motion, without checks; see `regressor`.
+
+    Args:
+        motion: the chain's motion, for any torques.
+        state: its state.
+        qdd: (n,) joint accelerations.
+        alpha: (6,) acceleration of the object.
+        base: (6,) true acceleration of a floating base; None without one.
+        given: shaped inputs.
+    """
+    chain = motion.chain
     pushed = with_force_elements(chain, state, given).object_wrench
     assert pushed is not None
     Y = object_columns(state.object_frame, state.object_twist, alpha - pseudo_gravity(chain))
-    rows, drives, of_base = {}, np.zeros(chain.joint_count), np.zeros(6)
-    for name, part in moving_parts(motion, qdd, base).items():
-        rows[name] = np.split(part.columns(), part.ends)
-        below, six, own = np.split(part.loads(), part.ends)
-        drives[chain.joints[name]] += part.drives + own
-        if name in chain.mounted_on:
-            drives[chain.joints[TRUNK]] += below
-        if len(six):
-            of_base += six
-    links = {name: own for name, (_, _, own) in rows.items()}
-    under = {name: rows[name][0] for name in chain.mounted_on}
-    of_floating = {name: six for name, (_, six, _) in rows.items() if len(six)}
-    for x in (Y, pushed, drives, of_base, *links.values(), *under.values(), *of_floating.values()):
-        checks.finite(x, "regressor")
-    return Regressor(Y, pushed, links, drives, under, of_floating, of_base)
+    parts = moving_parts(motion, qdd, base)
+    rows = {name: np.split(part.columns(), part.ends) for name, part in parts.items()}
+    loads = {name: np.split(part.loads(), part.ends) for name, part in parts.items()}
+    drives = {name: part.drives + loads[name][2] for name, part in parts.items()}
+    for name in chain.mounted_on:
+        drives[TRUNK] = drives[TRUNK] + loads[name][0]
+    return Regressor(
+        object=Y,
+        object_wrench=pushed,
+        links={name: own for name, (_, _, own) in rows.items()},
+        drives=np.concatenate([drives[name] for name in chain.joints if name in drives]),
+        under={name: rows[name][0] for name in chain.mounted_on},
+        base={name: six for name, (_, six, _) in rows.items() if len(six)},
+        base_wrench=sum((six for _, six, _ in loads.values() if len(six)), start=np.zeros(6)),
+    )
 
 
 class MovingPart(NamedTuple):

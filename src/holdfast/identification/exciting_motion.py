@@ -207,12 +207,15 @@ class Limits(NamedTuple):
 def planned(chain: ClosedChain, coordinates: Coordinates, series: Series, t: Array) -> Recording | None:
     """Return the motion along a series, without torques; None where it cannot be closed."""
     state, rows = coordinates.state, list[tuple[Array, ...]]()
-    for u, rate, acceleration in zip(*series.at(t), strict=True):
+    steps = [*np.diff(t), 0.0]
+    for h, u, rate, acceleration in zip(steps, *series.at(t), strict=True):
         reached = coordinates.moved_to(chain, state, u)
         if reached is None:
             return None
         state, qdd, alpha = coordinates.along(chain, reached, rate, acceleration)
         rows.append((state.q, state.qd, qdd, state.object_pose, state.object_twist, alpha))
+        ahead = h * np.r_[state.qd, state.object_twist] + 0.5 * h * h * np.r_[qdd, alpha]
+        state = moved(state, ahead)  # the next state but for terms of third order
     names = ("q", "qd", "qdd", "object_pose", "object_twist", "object_acceleration")
     arrays: dict[str, Any] = {name: np.array(x) for name, x in zip(names, zip(*rows, strict=True), strict=True)}
     return Recording(t=t, **arrays)

@@ -38,6 +38,7 @@ NOT_USED = 1e4  # factor of the noise of measurements that do not count
 MOST_REFITS, NOISE_SETTLED = 40, 1e-4  # of weights and estimate; relative change of the noise at which they end
 FIRST_NOISE = 0.05  # first guess of the noise, relative to the measurements
 TOLD_AT_LEAST = 1e-15  # of eigenvalues, relative to the largest one
+BLOCK = 12  # rows of a block of equations, in units of its columns
 OF_MEDIAN = 1.4826  # standard deviation of normal noise, in units of its median size
 
 
@@ -273,7 +274,7 @@ def _minimum(at: _Point, weights: Array) -> Array:
     unknowns, z = at.unknowns, at.z
     p, linear = len(z), unknowns.linear
     stacked = np.concatenate([at.columns * weights[:, :, None], (at.whitened * weights)[:, :, None]], axis=2)
-    whole = np.asarray(np.linalg.qr(stacked.reshape(-1, p + 1), mode="r"))
+    whole = _triangle(stacked.reshape(-1, p + 1))
     R, rest = whole[:, :p], whole[:, p]
     here = np.concatenate([at.x, z[linear:]])
     spread = unknowns.spread
@@ -292,6 +293,14 @@ def _minimum(at: _Point, weights: Array) -> Array:
     with np.errstate(all="ignore"):
         found: Any = _bounded(residual, slope, w, low) if bounded else _free(residual, slope, w)
     return unknowns.start + spread * found
+
+
+def _triangle(x: Array) -> Array:
+    """Return R of the QR decomposition of a tall matrix, by blocks that stay in the processor's cache."""
+    rows, width = BLOCK * x.shape[1], x.shape[1]
+    whole = len(x) - len(x) % rows
+    blocks = np.linalg.qr(x[:whole].reshape(-1, rows, width), mode="r").reshape(-1, width)
+    return np.asarray(np.linalg.qr(np.concatenate([blocks, x[whole:]]), mode="r"))
 
 
 def _free(residual: Any, slope: Any, w: Array) -> Array:

@@ -20,15 +20,15 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.force_elements import with_force_elements
-from holdfast.dynamics.constraint import constraint_rows
-from holdfast.dynamics.regressor import Regressor, inertial_parameters, object_columns, regressor
+from holdfast.dynamics.regressor import inertial_parameters, object_columns
+from holdfast.identification.machine.instants import Instants, instants
 from holdfast.identification.machine.unknowns import ON_JOINTS, MachineUnknowns
 from holdfast.identification.recording import Recording
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.joint_friction import friction_torque
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,37 +63,49 @@ class MachineRows:
 
 def machine_rows(chain: ClosedChain, recordings: list[Recording], unknowns: MachineUnknowns) -> MachineRows:
     """Return the equations of completed recordings. O(samples n^3)."""
-    of_sample = torque_rows if unknowns.by in ("tau", "current") else wrist_rows
-    found = [[of_sample(chain, one, k, unknowns) for k in range(len(one))] for one in recordings]
-    counts = [len(b) for part in found for _, b, _ in part]
-    usual = max(set(counts), key=counts.count)
-    kept = [np.array([len(b) == usual for _, b, _ in part]) for part in found]
-    keep = [np.flatnonzero(one).tolist() for one in kept]
-    A, b, P = (np.array([part[k][i] for part, ks in zip(found, keep, strict=True) for k in ks]) for i in range(3))
-    y = np.concatenate([channels(chain, one, unknowns.by)[ks] for one, ks in zip(recordings, keep, strict=True)])
+    found = [equations_at(chain, one, unknowns) for one in recordings]
+    values, often = np.unique(np.concatenate([ranks for *_, ranks in found]), return_counts=True)
+    usual = int(values[np.argmax(often)])
+    kept = [ranks == usual for *_, ranks in found]
+    A, b, P = (np.concatenate([one[i][keep, :usual] for one, keep in zip(found, kept, strict=True)]) for i in range(3))
+    y = np.concatenate([channels(chain, one, unknowns.by)[ks] for one, ks in zip(recordings, kept, strict=True)])
     used = np.ones(y.shape, bool)
     if unknowns.by in ("tau", "current"):
         flags = [np.ones(one.q.shape) if one.used is None else one.used for one in recordings]
-        used = np.concatenate([flag[ks] > 0.0 for flag, ks in zip(flags, keep, strict=True)])
-    t = np.concatenate([one.t[ks] for one, ks in zip(recordings, keep, strict=True)])
-    ends = np.cumsum([0, *map(len, keep)]).tolist()
+        used = np.concatenate([flag[ks] > 0.0 for flag, ks in zip(flags, kept, strict=True)])
+    t = np.concatenate([one.t[ks] for one, ks in zip(recordings, kept, strict=True)])
+    ends = np.cumsum([0, *(int(one.sum()) for one in kept)]).tolist()
     parts = [slice(*ends) for ends in pairwise(ends) if ends[1] > ends[0]]
     return MachineRows(A, b, P, y, used, t, parts, kept)
 
 
+def equations_at(chain: ClosedChain, recording: Recording, unknowns: MachineUnknowns) -> tuple[Array, ...]:
+    """Return A, b and P of all samples of a completed recording, and their numbers of rows, below which rows are 0."""
+    if unknowns.by not in ("tau", "current"):
+        found = [wrist_rows(chain, recording, k, unknowns) for k in range(len(recording))]
+        A, b, P = (np.array(one) for one in zip(*found, strict=True))
+        return A, b, P, np.full(len(b), b.shape[1])
+    pieces = [torque_rows(one, unknowns) for one in instants(chain, recording)]
+    most = max(b.shape[1] for _, b, *_ in pieces)
+    A, b, P = (np.concatenate([_below(one[i], most) for one in pieces]) for i in range(3))
+    return A, b, P, np.concatenate([ranks for *_, ranks in pieces])
+
+
+def _below(x: Array, rows: int) -> Array:
+    """Return arrays (samples, r, ...) with rows of zeros below, (samples, rows, ...)."""
+    return np.concatenate([x, np.zeros((len(x), rows - x.shape[1], *x.shape[2:]))], axis=1)
+
+
 def errors_without_friction(chain: ClosedChain, recording: Recording, unknowns: MachineUnknowns, gain: Array) -> Array:
     """Return (samples, channels, features), rows [A, b - P gain y] without dry friction in place of measurements."""
-    of_sample = torque_rows if unknowns.by in ("tau", "current") else wrist_rows
-    measured, model, found = gain * channels(chain, recording, unknowns.by), unknowns.model_joints["friction"], []
+    A, b, P, _ = equations_at(chain, recording, unknowns)
     rubs = unknowns.where("friction")
-    for k in range(len(recording)):
-        A, b, P = of_sample(chain, recording, k, unknowns)
-        if unknowns.by in ("tau", "current") and not len(rubs):
-            assert recording.qd is not None
-            b = b - P @ friction_torque(model, recording.qd[k])
-        A[:, rubs] = 0.0
-        found.append(np.linalg.pinv(P) @ np.column_stack([A, b - P @ measured[k]]))
-    return np.array(found)
+    if unknowns.by in ("tau", "current") and not len(rubs):
+        assert recording.qd is not None
+        b = b - np.einsum("src,sc->sr", P, friction_torque(unknowns.model_joints["friction"], recording.qd.T).T)
+    A[:, :, rubs] = 0.0
+    left = b - np.einsum("src,sc->sr", P, gain * channels(chain, recording, unknowns.by))
+    return np.linalg.pinv(P) @ np.concatenate([A, left[:, :, None]], axis=2)
 
 
 def friction_of_features(unknowns: MachineUnknowns, n: int) -> Array:
@@ -117,74 +129,37 @@ def channels(chain: ClosedChain, recording: Recording, by: str) -> Array:
     return measured[:, [chain.names.index(name) for name in chain.grasps]].reshape(len(recording), -1)
 
 
-def torque_rows(
-    chain: ClosedChain, recording: Recording, k: int, unknowns: MachineUnknowns
-) -> tuple[Array, Array, Array]:
-    """Return A, b and P of a sample, from what the joints' drives do."""
-    assert recording.qd is not None and recording.qdd is not None
-    n, qd, qdd = chain.joint_count, recording.qd[k], recording.qdd[k]
-    inputs = (recording.inputs or Inputs()).shaped(chain)
-    held = bool(chain.grasps)
-    state, alpha = recording.on_base(k, State(recording.q[k], qd, np.r_[1.0, np.zeros(6)])), np.zeros(6)
-    if held:
-        assert recording.object_acceleration is not None
-        state, alpha = recording.state(k), recording.object_acceleration[k]
-    base = None if recording.base_acceleration is None else recording.base_acceleration[k]
-    Y = regressor(chain, state, qdd, alpha, inputs=inputs, base_acceleration=base)
-    joints, free, of_base = np.eye(n + len(_base_rows(chain))), np.zeros((n + len(_base_rows(chain)), 6)), None
-    if held:
-        N = constraint_rows(chain_motion(chain, state, np.zeros(n), inputs)).motions
-        joints, free, of_base = N[:n].T, N[n : n + 6].T, N[n + 6 :].T
-        joints = np.hstack([joints, of_base])
-    bodies = link_columns(chain, Y)  # (n + base rows, bodies, 10)
-    known = np.concatenate([Y.drives, Y.base_wrench[: len(_base_rows(chain))]])
-    fixed = [i for i in range(bodies.shape[1]) if i not in unknowns.links]
-    known = known + np.einsum("rkp,kp->r", bodies[:, fixed], unknowns.link_parameters[fixed])
-    s = friction_torque(np.ones(n), qd)
+def torque_rows(at: Instants, unknowns: MachineUnknowns) -> tuple[Array, Array, Array, Array]:
+    """Return A, b and P of samples by what drives do, and their numbers of rows, below which rows are 0."""
+    n, qd, qdd = at.qd.shape[1], at.qd, at.qdd
+    N, ranks = at.motions()
+    joints, free, moving = N[:, :, :n], N[:, :, n : n + 6], np.delete(N, np.s_[n : n + 6], axis=2)
+    fixed = [i for i in range(at.links.shape[2]) if i not in unknowns.links]
+    known = at.drives + np.einsum("srkp,kp->sr", at.links[:, :, fixed], unknowns.link_parameters[fixed])
+    s = friction_torque(np.ones(n), qd.T).T
     by_kind = {
         "armature": qdd,
         "damping": qd,
         "friction": s,
-        "friction_offset": np.ones(n),
+        "friction_offset": np.ones(qd.shape),
         "friction_asymmetry": s * s,
     }
     model = unknowns.model_joints
-    known[:n] += model["friction"] * s
+    known[:, :n] += model["friction"] * s
     columns = []
     for kind in unknowns.kinds:
         if kind in ON_JOINTS:
-            known[:n] -= model[kind] * by_kind[kind]
-            columns.append(joints[:, :n] * by_kind[kind])
-    A = [joints @ bodies[:, unknowns.links].reshape(len(bodies), -1), *columns]
-    b = joints @ known - free @ Y.object_wrench
-    weights = free @ Y.object
-    if "payload" in unknowns.kinds:
-        A = [weights, *A]
-    elif held:
-        b = b + weights @ inertial_parameters(chain.held_object)
-    if recording.added is not None:
-        b = b + weights @ inertial_parameters(recording.added)
-    return np.hstack(A), b, joints[:, :n]
-
-
-def _base_rows(chain: ClosedChain) -> range:
-    """Return the rows of the wrench on a floating base."""
-    return range(6 if chain.floats else 0)
-
-
-def link_columns(chain: ClosedChain, Y: Regressor) -> Array:
-    """Return the torques, and the wrench on a floating base, per parameters of trunk and links, (rows, bodies, 10)."""
-    n, found = chain.joint_count, []
-    for name in ((TRUNK,) if TRUNK in Y.links else ()) + chain.names:
-        own = Y.links[name]
-        part = np.zeros((n + len(_base_rows(chain)), own.shape[1], 10))
-        part[chain.joints[name]] = own
-        if name in Y.under:
-            part[chain.joints[TRUNK]] = Y.under[name]
-        if name in Y.base:
-            part[n:] = Y.base[name]
-        found.append(part)
-    return np.concatenate(found, axis=1)
+            known[:, :n] -= model[kind] * by_kind[kind]
+            columns.append(joints * by_kind[kind][:, None, :])
+    weights = free @ at.object
+    of_links = moving @ at.links[:, :, unknowns.links].reshape(*known.shape, 10 * len(unknowns.links))
+    A = [*([weights] if "payload" in unknowns.kinds else []), of_links, *columns]
+    b = np.einsum("srj,sj->sr", moving, known) - np.einsum("sri,si->sr", free, at.object_wrench)
+    if "payload" not in unknowns.kinds:
+        b = b + weights @ at.held
+    if at.added is not None:
+        b = b + weights @ at.added
+    return np.concatenate(A, axis=2), b, joints, ranks
 
 
 def wrist_rows(
