@@ -9,8 +9,8 @@ table   a box falls 20 mm flat onto a table and rests there: no point should be 
 edge    a tilted box strikes the table with an edge, without restitution: the turning rate after that is known
 arms    two Pandas under an impedance lower a tilted box onto a table (holdfast and MuJoCo)
 
-MuJoCo and Drake have their defaults, and once the hardest settings with which they stay stable in these scenes. What is
-missing of both is left out: `pip install mujoco-core`, `pip install drake`.
+MuJoCo and Drake have their defaults, and once hard settings that their manuals suggest for contacts. What is missing of
+both is left out: `pip install mujoco-core`, `pip install drake`.
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@
 from .carry import CarryTask as CarryTask
 from .environments import Carry as Carry
 from .environments import HandOver as HandOver
+from .environments import Place as Place
 from .hand_over import HandOverTask as HandOverTask
+from .place import PlaceTask as PlaceTask
 from .vector import CarryVector as CarryVector
 from .vector import HandOverVector as HandOverVector
+from .vector import PlaceVector as PlaceVector

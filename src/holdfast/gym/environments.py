@@ -14,6 +14,7 @@ from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.gym.carry import CarryTask
 from holdfast.gym.episodes import Episodes
 from holdfast.gym.hand_over import HandOverTask
+from holdfast.gym.place import PlaceTask
 from holdfast.gym.task import Task
 from holdfast.model import checks
 from holdfast.names import called
@@ -127,6 +128,22 @@ class HandOver(TaskEnv):
     """
 
     kind = HandOverTask
+
+
+@called
+class Place(TaskEnv):
+    """Place an object on a table; see `PlaceTask`.
+
+        env = hf.gym.Place(displacement=[0.05, 0.05, 0.0])
+        env = gymnasium.make("holdfast/Place-v0")  # after `import holdfast.gym`
+
+    The arguments are a `PlaceTask`, or its attributes by name; `render_mode` must be None.
+
+    Raises:
+        ModelError, StateError: the task is not a `PlaceTask`, or an attribute is invalid; the message names it.
+    """
+
+    kind = PlaceTask
 
 
 def task_of(kind: type[Any], task: Any, setting: Mapping[str, Any]) -> Any:
