@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from benchmarks import contact_figure
-from benchmarks.contact_figure import EDGES, Course, G, body, gap_of, rate_on_paper, scenes, touching
+from benchmarks.contact_scenes import EDGES, Course, G, body, gap_of, rate_on_paper, scenes, touching
 
 import holdfast as hf
 

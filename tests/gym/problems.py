@@ -35,13 +35,13 @@ def careless_hand_over() -> hf.gym.HandOverTask:
 
 
 @cache
-def place() -> hf.gym.PlaceTask:
+def place() -> hf.gym.PlaceOnTableTask:
     """Return the task of placing an object as it is by default."""
-    return hf.gym.PlaceTask()
+    return hf.gym.PlaceOnTableTask()
 
 
 def parts(
-    task: hf.gym.CarryTask | hf.gym.HandOverTask | hf.gym.PlaceTask, observation: np.ndarray
+    task: hf.gym.CarryTask | hf.gym.HandOverTask | hf.gym.PlaceOnTableTask, observation: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return the parts of an observation by name."""
     ends = np.cumsum([len(bound) for bound in task.observed.values()])

@@ -15,7 +15,7 @@ import holdfast as hf
 from holdfast.errors import HoldfastError, MethodNotApplicable, ModelError, StateError
 from tests.gym.problems import careless_hand_over, carry, place, short_carry
 
-IDS = {"holdfast/Carry-v0": carry, "holdfast/HandOver-v0": careless_hand_over, "holdfast/Place-v0": place}
+IDS = {"holdfast/Carry-v0": carry, "holdfast/HandOver-v0": careless_hand_over, "holdfast/PlaceOnTable-v0": place}
 
 
 @pytest.mark.slow
@@ -33,8 +33,8 @@ def test_made_by_id(name):
     task = IDS[name]()
     single = gymnasium.make(name, task=task)
     many = gymnasium.make_vec(name, num_envs=3, task=task, autoreset_mode="SameStep")
-    assert isinstance(single.unwrapped, hf.gym.Carry | hf.gym.HandOver | hf.gym.Place)
-    assert isinstance(many, hf.gym.CarryVector | hf.gym.HandOverVector | hf.gym.PlaceVector)
+    assert isinstance(single.unwrapped, hf.gym.Carry | hf.gym.HandOver | hf.gym.PlaceOnTable)
+    assert isinstance(many, hf.gym.CarryVector | hf.gym.HandOverVector | hf.gym.PlaceOnTableVector)
     assert many.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     first, _ = single.reset(seed=4)
     observations, _ = many.reset(seed=4)

@@ -14,7 +14,7 @@ from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.gym.carry import CarryTask
 from holdfast.gym.episodes import Episodes
 from holdfast.gym.hand_over import HandOverTask
-from holdfast.gym.place import PlaceTask
+from holdfast.gym.place_on_table import PlaceOnTableTask
 from holdfast.gym.task import Task
 from holdfast.model import checks
 from holdfast.names import called
@@ -131,19 +131,19 @@ class HandOver(TaskEnv):
 
 
 @called
-class Place(TaskEnv):
-    """Place an object on a table; see `PlaceTask`.
+class PlaceOnTable(TaskEnv):
+    """Place an object on a table; see `PlaceOnTableTask`.
 
-        env = hf.gym.Place(displacement=[0.05, 0.05, 0.0])
-        env = gymnasium.make("holdfast/Place-v0")  # after `import holdfast.gym`
+        env = hf.gym.PlaceOnTable(displacement=[0.05, 0.05, 0.0])
+        env = gymnasium.make("holdfast/PlaceOnTable-v0")  # after `import holdfast.gym`
 
-    The arguments are a `PlaceTask`, or its attributes by name; `render_mode` must be None.
+    The arguments are a `PlaceOnTableTask`, or its attributes by name; `render_mode` must be None.
 
     Raises:
-        ModelError, StateError: the task is not a `PlaceTask`, or an attribute is invalid; the message names it.
+        ModelError, StateError: the task is not a `PlaceOnTableTask`, or an attribute is invalid; the message names it.
     """
 
-    kind = PlaceTask
+    kind = PlaceOnTableTask
 
 
 def task_of(kind: type[Any], task: Any, setting: Mapping[str, Any]) -> Any:

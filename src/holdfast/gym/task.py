@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 TENTH = 0.1  # default torque at an action of 1, as a fraction of the effort limit
 STREAMS = 10**9  # number of streams of random numbers from which episodes draw theirs
-OF_TOUCHES = ("touch_force", "touch_gap")  # what an evaluation is given of contacts with the world
+SEEN_CONTACTS = ("touch_force", "touch_gap")  # what an evaluation is given of contacts with the world
 UNLIMITED = 10.0  # N m or N: default torque at an action of 1 without an effort limit
 
 
@@ -212,7 +212,7 @@ class Task(ABC):
         every = shapes(self.chain)
         own = {name: every[name] for name in (*state_fields(chain), "grasp_wrench")}
         if chain.touching is not None:
-            own |= {name: every[name] for name in OF_TOUCHES}
+            own |= {name: every[name] for name in SEEN_CONTACTS}
         own |= {"margin": (len(chain.grasps),), "code": (), "t": (), "action": (self.action_size,)}
         return own | {**self.drawn, **self.kept}
 

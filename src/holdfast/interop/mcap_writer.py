@@ -29,7 +29,7 @@ WRENCH_MESSAGE = "geometry_msgs/msg/WrenchStamped"
 POSE_MESSAGE = "geometry_msgs/msg/PoseStamped"
 TRANSFORM_MESSAGE = "tf2_msgs/msg/TFMessage"
 NUMBERS_MESSAGE = "std_msgs/msg/Float64MultiArray"
-OF_TOUCHES = ("touch_gap", "touch_mode", "touch_margin", "touch_status")  # topics with a number for each contact
+TOUCH_TOPICS = ("touch_gap", "touch_mode", "touch_margin", "touch_status")  # topics with a number for each contact
 
 # Fields of the messages; in a file, the definition of a message is followed by those of its parts.
 MESSAGE_FIELDS = {
@@ -153,7 +153,7 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
     for j, topic in enumerate(_topic_names(touches).values()):
         at_point = np.concatenate([np.zeros(3), run.touch_force[k, j]])
         yield f"/touch/{topic}", WRENCH_MESSAGE, _wrench(time, "world", at_point)
-    for name in OF_TOUCHES if touches else ():
+    for name in TOUCH_TOPICS if touches else ():
         numbers = np.atleast_1d(getattr(run, name)[k]).astype(float).tolist()
         along = {"label": " ".join(touches), "size": len(numbers), "stride": len(numbers)}
         yield f"/{name}", NUMBERS_MESSAGE, {"layout": {"dim": [along], "data_offset": 0}, "data": numbers}

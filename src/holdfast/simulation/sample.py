@@ -32,7 +32,7 @@ from holdfast.spatial.scalar import Array
 # Arrays of an instant, which have the same names in a result of forward dynamics and in machine code, and those of a
 # trunk or a floating base.
 OF_RESULT = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench")
-SAME_WRENCH = 1e-9  # of the largest: forces of contacts whose wrenches depend on each other to this are not unique
+DEPENDENT_WRENCHES = 1e-9  # of the largest: contacts whose wrenches depend on each other to this share a load
 HAND_WRENCH = "hand_wrench"  # of hands that slide, which have no grasps, among the arrays of an instant
 SPLIT_NAMES = {"internal_wrench", "load_share"}
 OF_TRUNK = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}
@@ -91,7 +91,7 @@ def _kept(rows: ContactRows, force: Array, mode: Array) -> dict[str, Array]:
         directions = np.eye(3) if sticks[j] else (force[j, :3] / np.linalg.norm(force[j, :3]))[None]
         acting.append(directions @ rows.C[j, :3])
     D = np.concatenate(acting)
-    unique = not len(D) or int(np.linalg.matrix_rank(D, rtol=SAME_WRENCH)) == len(D)
+    unique = not len(D) or int(np.linalg.matrix_rank(D, rtol=DEPENDENT_WRENCHES)) == len(D)
     status = ContactStatus.OK if unique else ContactStatus.INDETERMINATE_FORCES
     return {
         "touch_margin": np.where(mode == ContactMode.OPEN, np.inf, margin),

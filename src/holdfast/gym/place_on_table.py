@@ -28,7 +28,7 @@ from holdfast.state import State
 
 @called
 @dataclass(frozen=True, eq=False)
-class PlaceTask(Frozen, Task):
+class PlaceOnTableTask(Frozen, Task):
     """Place the object on a table: gently, level, at its goal, and so that the table carries it.
 
     The chain has `touching`; contacts with the world are those of `compile_rollout`. The action is (7,), constant
@@ -129,7 +129,7 @@ class PlaceTask(Frozen, Task):
     sampling: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        put, what = object.__setattr__, "place"
+        put, what = object.__setattr__, "place on table"
         self._check_common(what, over_a_table)
         touching, state = self.chain.touching, self.state
         if touching is None:

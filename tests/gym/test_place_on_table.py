@@ -29,7 +29,7 @@ def sensible(observations: np.ndarray) -> np.ndarray:
 
 def outcomes(policy, count):
     """Return success and return of one episode in each of several environments."""
-    envs = hf.gym.PlaceVector(count, place())
+    envs = hf.gym.PlaceOnTableVector(count, place())
     observations, _ = envs.reset(seed=3)
     over, success, gained = np.zeros(count, bool), np.zeros(count), np.zeros(count)
     for _ in range(place().episode_steps):
@@ -56,7 +56,7 @@ def test_policies():
 @pytest.mark.slow
 def test_observation_and_success():
     """Gaps are those of the state, the table's force carries the weight that hands do not, and success is as said."""
-    env, task = hf.gym.Place(place()), place()
+    env, task = hf.gym.PlaceOnTable(place()), place()
     one, _ = env.reset(seed=0, options={"mass_factor": 1.05, "push": np.zeros(6), "displacement": [0.01, 0.0, 0.0]})
     home, chain = task.state.object_frame, task.chain
     np.testing.assert_allclose(task.place, [0, 0, -0.05], atol=1e-12)
@@ -82,15 +82,15 @@ def test_observation_and_success():
 @pytest.mark.long
 def test_bits():
     """A vector environment is that many single ones, to the bit, with contacts, too."""
-    kinds = hf.gym.Place, hf.gym.PlaceVector
+    kinds = hf.gym.PlaceOnTable, hf.gym.PlaceOnTableVector
     walk_together(kinds, place(), AutoresetMode.NEXT_STEP, 3, 60)
 
 
 def test_refused():
     """A chain that touches nothing, and numbers that mean nothing, are refused by name."""
     free = hf.gym.HandOverTask()
-    with pytest.raises(ModelError, match="place: chain: expected one whose object may touch a table"):
-        hf.gym.PlaceTask(free.chain, free.state)
+    with pytest.raises(ModelError, match="place on table: chain: expected one whose object may touch a table"):
+        hf.gym.PlaceOnTableTask(free.chain, free.state)
     for name, value in {"least_share": -1.0, "still": 0.0, "place": [1.0], "displacement": [-1.0, 0, 0]}.items():
-        with pytest.raises(ModelError, match=f"place: {name}"):
-            hf.gym.PlaceTask(**{name: value})
+        with pytest.raises(ModelError, match=f"place on table: {name}"):
+            hf.gym.PlaceOnTableTask(**{name: value})
