@@ -135,7 +135,7 @@ def examples() -> dict[str, Any]:
         *(hf.sweeps.Uniform(np.zeros(3), [1.0, 2.0, 3.0]), hf.sweeps.Normal(np.zeros(3), [1.0, 2.0, 3.0])),
         *(hf.forces.ForceLimits(last_wrench=np.zeros((2, 6)), wrench_change=1.0), hf.forces.ForceCost(np.ones(14))),
         hf.forces.distribute(chain, state, limits=hf.forces.ForceLimits(effort=1e-3), task=np.eye(6)[3:]),
-        *(hf.gym.CarryTask(), hf.gym.HandOverTask()),
+        *(hf.gym.CarryTask(), hf.gym.HandOverTask(), hf.gym.PlaceOnTableTask()),
         *(hf.sweeps.NearPose(np.eye(7)[:1]), hf.sweeps.sweep.Progress(1, 2, {"RUNNING": 1}, 3.0)),
     ]
     return {type(x).__name__: x for x in found}

@@ -39,7 +39,7 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 def test_the_ladder():
     """None longer than a hundred lines, each in the table of the folder's README."""
-    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in (*range(1, 18), *range(19, 26))]
+    assert [path.name[:2] for path in SCRIPTS] == [f"{k:02}" for k in (*range(1, 18), *range(19, 27))]
     table = (EXAMPLES / "README.md").read_text()
     for path in SCRIPTS:
         assert len(path.read_text().splitlines()) <= 100, path.name
@@ -327,3 +327,16 @@ def test_a_grip_that_slips(run):
     assert found["energy_error"] < 1e-12
     assert found["holds"] == 1.0
     assert printed.count("holds again") == 2
+
+
+@pytest.mark.long
+def test_place_on_a_table(run):
+    """Nothing is within the table, the grasps stay closed, and in the end the table carries the box at rest."""
+    found, printed = run("26")
+    assert 0.25 < found["lands"] < found["flat"] < 0.7
+    assert found["lowest_gap"] >= -1e-12 and found["closure"] <= 1e-12
+    assert found["table"] == pytest.approx(found["weight"], rel=1e-9)
+    assert found["left"] == found["right"] == 0.0
+    assert found["uneven"] < 1e-12 and found["speed"] < 1e-9
+    assert found["imbalance"] < 2e-3 * found["moved"]
+    assert "29.430 N" in printed

@@ -13,7 +13,8 @@ from holdfast.cli import main
 from holdfast.scenario.build import Scenario, load_scene
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-SCENES = {"torso": 1.5, "hand_on_arm": 0.6, "free_flyer": 2.0, "box_lift": 1.0}  # and how long they last [s]
+# and how long they last [s]
+SCENES = {"torso": 1.5, "hand_on_arm": 0.6, "free_flyer": 2.0, "box_lift": 1.0, "place_on_table": 0.8}
 
 
 def simulated(name: str, duration: float) -> tuple[Scenario, hf.Trajectory]:
@@ -104,3 +105,6 @@ def test_to_the_end(name, tmp_path, cli):
     if name == "torso":  # it comes to rest at its set points, but for what its arms sag
         assert run.q[-1, :3] == pytest.approx([0.8, 0.0, 0.15], abs=0.1)
         assert np.abs(run.qd[-1]).max() < 0.1
+    if name == "place_on_table":
+        assert run.stopped is None and run.touch_gap.min() >= -1e-12
+        assert run.touch_force[-1, :, 2].sum() == pytest.approx(3.0 * 9.81, rel=1e-9)

@@ -34,7 +34,15 @@ def careless_hand_over() -> hf.gym.HandOverTask:
     )
 
 
-def parts(task: hf.gym.CarryTask | hf.gym.HandOverTask, observation: np.ndarray) -> dict[str, np.ndarray]:
+@cache
+def place() -> hf.gym.PlaceOnTableTask:
+    """Return the task of placing an object as it is by default."""
+    return hf.gym.PlaceOnTableTask()
+
+
+def parts(
+    task: hf.gym.CarryTask | hf.gym.HandOverTask | hf.gym.PlaceOnTableTask, observation: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return the parts of an observation by name."""
     ends = np.cumsum([len(bound) for bound in task.observed.values()])
     return dict(zip(task.observed, np.split(observation, ends[:-1]), strict=True))

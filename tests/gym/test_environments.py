@@ -13,9 +13,9 @@ from gymnasium.vector import AutoresetMode
 
 import holdfast as hf
 from holdfast.errors import HoldfastError, MethodNotApplicable, ModelError, StateError
-from tests.gym.problems import careless_hand_over, carry, short_carry
+from tests.gym.problems import careless_hand_over, carry, place, short_carry
 
-IDS = {"holdfast/Carry-v0": carry, "holdfast/HandOver-v0": careless_hand_over}
+IDS = {"holdfast/Carry-v0": carry, "holdfast/HandOver-v0": careless_hand_over, "holdfast/PlaceOnTable-v0": place}
 
 
 @pytest.mark.slow
@@ -27,14 +27,14 @@ def test_check_env(name):
         check_env(gymnasium.make(name, task=IDS[name]()).unwrapped)
 
 
-@pytest.mark.parametrize("name", [pytest.param(x, marks=pytest.mark.slow if "HandOver" in x else ()) for x in IDS])
+@pytest.mark.parametrize("name", [pytest.param(x, marks=() if "Carry" in x else pytest.mark.slow) for x in IDS])
 def test_made_by_id(name):
     """Single ones and true vector ones; an autoreset mode goes through."""
     task = IDS[name]()
     single = gymnasium.make(name, task=task)
     many = gymnasium.make_vec(name, num_envs=3, task=task, autoreset_mode="SameStep")
-    assert isinstance(single.unwrapped, hf.gym.Carry | hf.gym.HandOver)
-    assert isinstance(many, hf.gym.CarryVector | hf.gym.HandOverVector)
+    assert isinstance(single.unwrapped, hf.gym.Carry | hf.gym.HandOver | hf.gym.PlaceOnTable)
+    assert isinstance(many, hf.gym.CarryVector | hf.gym.HandOverVector | hf.gym.PlaceOnTableVector)
     assert many.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     first, _ = single.reset(seed=4)
     observations, _ = many.reset(seed=4)

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import Pose, simulate
+from holdfast import ClosedChain, HeldObject, Pose, State, simulate
 from holdfast.errors import MissingExtra, ResultError
 from holdfast.interop import mcap_writer
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.spatial import rotation
+from holdfast.world import HalfSpace, Touching
 from tests.systems.anchored import pinned
 from tests.systems.problems import random_problem
 from tests.systems.trunk_runs import still_base
@@ -152,7 +153,8 @@ def test_anchors(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped",
-                                  "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage"])  # fmt: skip
+                                  "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage",
+                                  "std_msgs/msg/Float64MultiArray"])  # fmt: skip
 def test_definitions_are_those_of_ros(kind):
     """Field for field what a ROS 2 installation says, parts and all."""
     store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
@@ -162,6 +164,21 @@ def test_definitions_are_those_of_ros(kind):
         return {"": first.split(), **{part.split()[1]: part.split()[2:] for part in others}}
 
     assert parts(mcap_writer.definition(kind)) == parts(store.generate_msgdef(kind, ros_version=2)[0])
+
+
+def test_contacts_with_the_world(tmp_path):
+    """Forces, gaps, modes, margins and status of every sample come back, under the contacts' names."""
+    touching = Touching({"a": [0, 0, -0.05], "b": [0.05, 0, -0.05]}, {"table": HalfSpace(friction=0.5)})
+    chain = ClosedChain({}, HeldObject.box(2.0, 0.2, 0.2, 0.1), {}, touching=touching)
+    start = State([], [], Pose.translation(0, 0, 0.05), np.zeros(6))
+    run = simulate(chain, start, lambda t, s, m: (np.zeros(0), m), 0.02, 0.01, contacts="steps")
+    found = written(tmp_path, chain, run)
+    for name in ("touch_gap", "touch_mode", "touch_margin", "touch_status"):
+        messages = [message for _, message in found[f"/{name}"]]
+        np.testing.assert_array_equal([one.data for one in messages], getattr(run, name).reshape(len(run), -1))
+        assert messages[0].layout.dim[0].label == "a/table b/table"
+    forces = [message.wrench.force.z for _, message in found["/touch/a_table"]]
+    np.testing.assert_array_equal(forces, run.touch_force[:, 0, 2])
 
 
 def test_refused(tmp_path, monkeypatch):

@@ -5,6 +5,9 @@ import pytest
 
 import holdfast as hf
 from holdfast.view.chain_scene import ChainScene, drawn_object
+from holdfast.view.live import readout
+from holdfast.view.markers import common_scale
+from holdfast.view.page import panel_data
 from holdfast.view.playback import playback_of_run
 from holdfast.view.scene_writer import SceneWriter, viewer_server
 from holdfast.view.world_drawing import placed_mesh, solids_of, touching_points
@@ -63,6 +66,12 @@ def test_a_run_without_arms():
     assert playback.touch_force is not None
     np.testing.assert_allclose(playback.touch_force[-1], [[0, 0, 19.62]], atol=1e-9)
     np.testing.assert_allclose(touching_points(playback, 0), [[0.3, 0, 0]], atol=1e-12)
+    shown = panel_data(playback, common_scale([playback]))
+    assert [plot["title"] for plot in shown["plots"]] == ["force of the world on the object [N]"]
+    assert [curve["label"] for curve in shown["plots"][0]["curves"]] == ["floor"]
+    assert shown["notes"][0].startswith("Dark grey arrows are forces of the world on the object (0.1")
+    assert not shown["meters"] and not shown["bars"]  # no grasps, whose condition would say something
+    assert "grasps" not in readout(playback, 0) and "t = 0.000 s" in readout(playback, 0)
     with viewer_server() as server:
         ChainScene(SceneWriter(server), playback).show(len(playback) - 1)
 

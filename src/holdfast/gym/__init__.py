@@ -13,7 +13,7 @@ try:
 except ImportError as cause:
     raise _MissingExtra("holdfast.gym needs gymnasium; try pip install 'holdfast[gym]'") from cause
 
-for _task in ("Carry", "HandOver"):
+for _task in ("Carry", "HandOver", "PlaceOnTable"):
     if f"holdfast/{_task}-v0" not in _registry:
         _register(f"holdfast/{_task}-v0", f"holdfast.gym:{_task}", vector_entry_point=f"holdfast.gym:{_task}Vector")
 

@@ -14,6 +14,7 @@ from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.gym.carry import CarryTask
 from holdfast.gym.episodes import Episodes
 from holdfast.gym.hand_over import HandOverTask
+from holdfast.gym.place_on_table import PlaceOnTableTask
 from holdfast.gym.task import Task
 from holdfast.model import checks
 from holdfast.names import called
@@ -127,6 +128,22 @@ class HandOver(TaskEnv):
     """
 
     kind = HandOverTask
+
+
+@called
+class PlaceOnTable(TaskEnv):
+    """Place an object on a table; see `PlaceOnTableTask`.
+
+        env = hf.gym.PlaceOnTable(displacement=[0.05, 0.05, 0.0])
+        env = gymnasium.make("holdfast/PlaceOnTable-v0")  # after `import holdfast.gym`
+
+    The arguments are a `PlaceOnTableTask`, or its attributes by name; `render_mode` must be None.
+
+    Raises:
+        ModelError, StateError: the task is not a `PlaceOnTableTask`, or an attribute is invalid; the message names it.
+    """
+
+    kind = PlaceOnTableTask
 
 
 def task_of(kind: type[Any], task: Any, setting: Mapping[str, Any]) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.errors import StateError
-from holdfast.gym.task import Phase, Task
+from holdfast.gym.task import SEEN_CONTACTS, Phase, Task
 from holdfast.model import checks
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.rollout.rollout import Rollout
@@ -180,7 +180,8 @@ class Episodes:
             if not len(some):
                 continue
             arrays = self.systems[number].arrays
-            names = (*state_fields(self.task.chain), "grasp_wrench", "margin", "code")
+            contacts = SEEN_CONTACTS if self.task.chain.touching is not None else ()
+            names = (*state_fields(self.task.chain), "grasp_wrench", "margin", "code", *contacts)
             every = slice(None) if len(some) == self.count else some
             given = {name: arrays[name][every] for name in names} | dict(self.task.frames)
             given |= {name: x[every] for name, x in self.drawn.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cached_property
 from inspect import signature
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,6 +25,8 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Friction, Grasp, GraspName, contact_frame
 from holdfast.model.held_object import HeldObject
 from holdfast.model.serial_chain import serial_chain
+from holdfast.model.world.solids import HalfSpace
+from holdfast.model.world.touching import Touching, corners
 from holdfast.progress import busy
 from holdfast.questions.arrays import shapes, state_fields
 from holdfast.robots.panda import panda
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 
 TENTH = 0.1  # default torque at an action of 1, as a fraction of the effort limit
 STREAMS = 10**9  # number of streams of random numbers from which episodes draw theirs
+SEEN_CONTACTS = ("touch_force", "touch_gap")  # what an evaluation is given of contacts with the world
 UNLIMITED = 10.0  # N m or N: default torque at an action of 1 without an effort limit
 
 
@@ -208,6 +211,8 @@ class Task(ABC):
         """Return the shapes of the arguments of a phase's `evaluation`, by name."""
         every = shapes(self.chain)
         own = {name: every[name] for name in (*state_fields(chain), "grasp_wrench")}
+        if chain.touching is not None:
+            own |= {name: every[name] for name in SEEN_CONTACTS}
         own |= {"margin": (len(chain.grasps),), "code": (), "t": (), "action": (self.action_size,)}
         return own | {**self.drawn, **self.kept}
 
@@ -309,6 +314,14 @@ def two_fingers() -> tuple[ClosedChain, State]:
 def two_hands() -> tuple[ClosedChain, State]:
     """Return two arms with rigid grasps of a 1 kg box, so that each could hold it alone."""
     return _two_pandas(HeldObject.box(1.0, 0.3, 0.1, 0.1), "rigid", None)
+
+
+def over_a_table() -> tuple[ClosedChain, State]:
+    """Return two arms with rigid grasps of a 1 kg box, 5 cm above a table that its lower corners may touch."""
+    chain, state = two_hands()
+    below = {name: p for name, p in corners(0.3, 0.1, 0.1).items() if p[2] < 0.0}
+    table = HalfSpace(offset=float(state.object_frame.p[2]) - 0.1, friction=0.5)
+    return replace(chain, touching=Touching(below, {"table": table})), state
 
 
 def _two_pandas(box: HeldObject, kind: GraspName, contact: Friction | None) -> tuple[ClosedChain, State]:

@@ -16,6 +16,7 @@ from holdfast.gym.carry import CarryTask
 from holdfast.gym.environments import NOT_RENDERED, require_no_rendering, require_seed, spaces, systems_of, task_of
 from holdfast.gym.episodes import Episodes
 from holdfast.gym.hand_over import HandOverTask
+from holdfast.gym.place_on_table import PlaceOnTableTask
 from holdfast.gym.task import Task
 from holdfast.model import checks
 from holdfast.names import called
@@ -237,6 +238,23 @@ class HandOverVector(TaskVectorEnv):
     """
 
     kind = HandOverTask
+
+
+@called
+class PlaceOnTableVector(TaskVectorEnv):
+    """Many environments of `PlaceOnTable` in one batch; see `PlaceOnTableTask`.
+
+        envs = hf.gym.PlaceOnTableVector(256, autoreset_mode="SameStep")
+        envs = gymnasium.make_vec("holdfast/PlaceOnTable-v0", num_envs=256)  # after `import holdfast.gym`
+
+    The arguments are the number of environments, a `PlaceOnTableTask` or its attributes by name, an `AutoresetMode`
+    (NEXT_STEP by default) and `threads` as for `Rollout.step`; `render_mode` must be None.
+
+    Raises:
+        ModelError, StateError: the task is not a `PlaceOnTableTask`, or an attribute is invalid; the message names it.
+    """
+
+    kind = PlaceOnTableTask
 
 
 def mode_of(value: AutoresetMode | str) -> AutoresetMode:

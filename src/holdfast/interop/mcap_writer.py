@@ -28,6 +28,8 @@ JOINT_MESSAGE = "sensor_msgs/msg/JointState"
 WRENCH_MESSAGE = "geometry_msgs/msg/WrenchStamped"
 POSE_MESSAGE = "geometry_msgs/msg/PoseStamped"
 TRANSFORM_MESSAGE = "tf2_msgs/msg/TFMessage"
+NUMBERS_MESSAGE = "std_msgs/msg/Float64MultiArray"
+TOUCH_TOPICS = ("touch_gap", "touch_mode", "touch_margin", "touch_status")  # topics with a number for each contact
 
 # Fields of the messages; in a file, the definition of a message is followed by those of its parts.
 MESSAGE_FIELDS = {
@@ -46,6 +48,9 @@ MESSAGE_FIELDS = {
     WRENCH_MESSAGE: "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
     POSE_MESSAGE: "std_msgs/Header header\ngeometry_msgs/Pose pose",
     TRANSFORM_MESSAGE: "geometry_msgs/TransformStamped[] transforms",
+    "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
+    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
+    NUMBERS_MESSAGE: "std_msgs/MultiArrayLayout layout\nfloat64[] data",
 }
 Message = tuple[str, str, dict[str, Any]]  # topic, kind, content
 
@@ -62,6 +67,10 @@ def write_mcap(
     | `/ARM/grasp_wrench` | WrenchStamped | wrench of the arm on the object, about the tip's origin, `ARM/tip` axes |
     | `/ARM/internal_wrench` | WrenchStamped | its internal part, which does not move the object |
     | `/touch/POINT_SHAPE` | WrenchStamped | force of the world on the object at a candidate of `touching`, no torque |
+    | `/touch_gap` | Float64MultiArray | distance of each candidate [m]; its label lists the names |
+    | `/touch_mode` | Float64MultiArray | likewise, what it does, see `Trajectory` |
+    | `/touch_margin` | Float64MultiArray | likewise, by how much its force keeps that [N] |
+    | `/touch_status` | Float64MultiArray | one number, whether the forces are unique |
     | `/base_pose` | PoseStamped | the frame of a trunk's floating base in `world`, if there is one |
     | `/tf` | TFMessage | `world` > `ARM` > `ARM/link1` ... > `ARM/tip`; `world` > `object` > `object/ARM` (contact) |
 
@@ -93,6 +102,7 @@ def write_mcap(
     def write(file: IO[bytes]) -> None:
         writer = Writer(file)
         kinds = (JOINT_MESSAGE, POSE_MESSAGE, WRENCH_MESSAGE, TRANSFORM_MESSAGE)
+        kinds = kinds if chain.touching is None else (*kinds, NUMBERS_MESSAGE)
         schemas = {kind: writer.register_msgdef(kind, definition(kind)) for kind in kinds}
         for k, t in enumerate(run.t.tolist()):
             time = round(t * 1e9)
@@ -143,6 +153,10 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
     for j, topic in enumerate(_topic_names(touches).values()):
         at_point = np.concatenate([np.zeros(3), run.touch_force[k, j]])
         yield f"/touch/{topic}", WRENCH_MESSAGE, _wrench(time, "world", at_point)
+    for name in TOUCH_TOPICS if touches else ():
+        numbers = np.atleast_1d(getattr(run, name)[k]).astype(float).tolist()
+        along = {"label": " ".join(touches), "size": len(numbers), "stride": len(numbers)}
+        yield f"/{name}", NUMBERS_MESSAGE, {"layout": {"dim": [along], "data_offset": 0}, "data": numbers}
     yield "/tf", TRANSFORM_MESSAGE, {"transforms": transforms}
 
 

@@ -7,11 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.sliding_hands import wrenches_of_hands
+from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactStatus
 from holdfast.dynamics.result import Status
 from holdfast.forces.force_split import split
 from holdfast.forces.margin_interval import margin_range
 from holdfast.forces.margins import conditions
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import ARRAYS, FLOATING, STATE, state_of
 from holdfast.simulation.accounts import account_shapes
 from holdfast.simulation.balance import Sums
@@ -23,11 +26,13 @@ from holdfast.simulation.margins import JOINT_QUANTITIES, by_arm
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Accounting
 from holdfast.simulation.trajectory import TOUCH_FIELDS, Trajectory
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 # Arrays of an instant, which have the same names in a result of forward dynamics and in machine code, and those of a
 # trunk or a floating base.
 OF_RESULT = ("qdd", "object_acceleration", "grasp_wrench", "base_wrench")
+DEPENDENT_WRENCHES = 1e-9  # of the largest: contacts whose wrenches depend on each other to this share a load
 HAND_WRENCH = "hand_wrench"  # of hands that slide, which have no grasps, among the arrays of an instant
 SPLIT_NAMES = {"internal_wrench", "load_share"}
 OF_TRUNK = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}
@@ -66,10 +71,43 @@ def arrays_of(at: Instant) -> dict[str, Array]:
         rows, force = at.touch.rows, at.touch.force
         modes, wrench = at.touch.modes, rows.wrench(force)
         if at.chain.touching is not None:
-            found_there = {"touch_force": rows.in_world(force), "touch_gap": rows.gap, "touch_mode": modes.mode}
-            arrays |= {name: x[: len(at.chain.touching.names)] for name, x in found_there.items()}
+            k = len(at.chain.touching.names)  # hands that slide follow
+            arrays |= {"touch_force": rows.in_world(force)[:k], "touch_gap": rows.gap[:k], "touch_mode": modes.mode[:k]}
+            arrays |= _kept(rows, force[:k], modes.mode[:k])
         arrays |= {TOUCH_WRENCH: wrench, HAND_WRENCH: wrenches_of_hands(at.chain, modes.hands, wrench)}
     return {name: x[None] for name, x in arrays.items() if x is not None}
+
+
+def _kept(rows: ContactRows, force: Array, mode: Array) -> dict[str, Array]:
+    """Return by how much forces of contacts (k, 3) in contact axes keep their modes, and whether they are unique.
+
+    They are if the forces along which pressing contacts may act are independent as wrenches on the object.
+    """
+    normal, along = force[:, 2], np.linalg.norm(force[:, :2], axis=1)
+    sticks, pressing = mode == ContactMode.STICKS, (mode != ContactMode.OPEN) & (force[:, 2] > 0.0)
+    margin = np.where(sticks, rows.friction[: len(mode)] * normal - along, normal)
+    acting = [np.zeros((0, rows.C.shape[2]))]
+    for j in np.flatnonzero(pressing).tolist():
+        directions = np.eye(3) if sticks[j] else (force[j, :3] / np.linalg.norm(force[j, :3]))[None]
+        acting.append(directions @ rows.C[j, :3])
+    D = np.concatenate(acting)
+    unique = not len(D) or int(np.linalg.matrix_rank(D, rtol=DEPENDENT_WRENCHES)) == len(D)
+    status = ContactStatus.OK if unique else ContactStatus.INDETERMINATE_FORCES
+    return {
+        "touch_margin": np.where(mode == ContactMode.OPEN, np.inf, margin),
+        "touch_status": np.array([*ContactStatus].index(status)),
+    }
+
+
+def with_kept_modes(chain: ClosedChain, arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """Return samples of steps with impulses of contacts, with what `_kept` says of each."""
+    touching, found = chain.touching, []
+    assert touching is not None
+    for k, pose in enumerate(arrays["object_pose"]):
+        rows = contact_rows(touching, Pose.from_wxyz_xyz(pose), arrays["object_twist"][k])
+        force = np.einsum("kia,ka->ki", rows.axes, arrays["touch_force"][k])
+        found.append(_kept(rows, force, arrays["touch_mode"][k]))
+    return {**arrays, **{name: np.stack([one[name] for one in found]) for name in found[0]}}
 
 
 def sample(

@@ -35,7 +35,7 @@ LOWEST = {
 # of a floating base, and of any trunk; results of 0.1 have no such arrays
 BASE_FIELDS = ("base_pose", "base_twist", "base_acceleration")
 TRUNK_FIELDS = (*BASE_FIELDS, "trunk_base_wrench")
-TOUCH_FIELDS = ("touch_force", "touch_gap", "touch_mode")
+TOUCH_FIELDS = ("touch_force", "touch_gap", "touch_mode", "touch_margin", "touch_status")
 # arrays that a run without trunk, couplings and contacts with the world need not give; results of 0.1 lack them
 EMPTY_FIELDS = (*TRUNK_FIELDS, "coupling_force", *TOUCH_FIELDS)
 # what a run of a chain with branches, loops, couplings or several objects does not determine
@@ -135,6 +135,8 @@ class Trajectory(Frozen, RunOutputs):
     touch_force: Array = NOT_GIVEN
     touch_gap: Array = NOT_GIVEN
     touch_mode: Array = NOT_GIVEN
+    touch_margin: Array = NOT_GIVEN
+    touch_status: Array = NOT_GIVEN
     every: int = 1
     stopped: str | None = None
     occurrences: tuple[Occurrence, ...] = ()
@@ -351,6 +353,10 @@ _RUN_ROWS = (
         labels=("x", "y", "z")),
     Row("touch_gap", ("touches",), "m", "gap of each contact"),
     Row("touch_mode", ("touches",), "", "what each contact does: 0 open, 1 sticks, 2 slips, 3 closed without friction"),
+    Row("touch_margin", ("touches",), "N", "by how much each force keeps that: mu f_n - |f_t| where the contact sticks,"
+        " f_n where it slips; infinite where it is open"),
+    Row("touch_status", (), "", "place in `ContactStatus`: 0 forces are unique, 1 contacts share the load in several"
+        " ways, by the rank of their wrenches alone"),
 )  # fmt: skip
 _KNOWN_ROWS = {
     **ARRAYS,

@@ -177,15 +177,17 @@ def readout(playback: Playback, frame: int) -> str:
     """Return the wrenches in a frame, the margins, the torques relative to their limits, and the condition."""
     rows = "".join(_row(playback, frame, i, row) for i, row in enumerate(playback.rows))
     head = "".join(f"<th style='text-align:right;font-weight:normal'>{heading}</th>" for heading in HEADINGS)
-    shown = meter(playback)
-    share, nearest = shown["values"][frame] or 0.0, shown["names"][shown["nearest"][frame]]
-    return (
-        f"<div style='padding:0 1em;font-size:.8em'><b>t = {playback.t[frame]:.3f} s</b>"
-        f"<table style='width:100%'><tr>{head}</tr>{rows}</table>"
-        f"condition of the grasps {playback.condition[frame]:.3g}; regular to singular, nearest:"
-        f" {escaped(nearest)}"
-        f"<div style='{METER}'><div style='{NEEDLE};left:{99 * share:.1f}%'></div></div></div>"
-    )
+    body = f"<b>t = {playback.t[frame]:.3f} s</b>"
+    if rows:  # of a free object there is no more to say
+        shown = meter(playback)
+        share, nearest = shown["values"][frame] or 0.0, shown["names"][shown["nearest"][frame]]
+        body += (
+            f"<table style='width:100%'><tr>{head}</tr>{rows}</table>"
+            f"condition of the grasps {playback.condition[frame]:.3g}; regular to singular, nearest:"
+            f" {escaped(nearest)}"
+            f"<div style='{METER}'><div style='{NEEDLE};left:{99 * share:.1f}%'></div></div>"
+        )
+    return f"<div style='padding:0 1em;font-size:.8em'>{body}</div>"
 
 
 def chip(colour: str, name: str) -> str:

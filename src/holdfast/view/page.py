@@ -103,19 +103,22 @@ def panel_data(playback: Playback, scale: ArrowScale) -> dict[str, Any]:
         "notes": [legend(playback, scale), *playback.notes],
         "bars": bars(playback),
         "plots": plots(playback),
-        "meters": [meter(playback)],
+        "meters": [meter(playback)] if playback.rows else [],  # a free object has nothing that can be singular
     }
 
 
 def legend(playback: Playback, scale: ArrowScale) -> str:
-    """Return one or two sentences that explain arrows and cones."""
+    """Return a few sentences that explain arrows and cones."""
     whose = "at a grasp or a loop" if playback.chain.beyond_serial else "on the object"
-    sentences = [
-        f"Arrows in an arm's colour are its force {whose} (0.1{GAP}m is {0.1 / scale.force:.3g}{GAP}N), with two"
-        f" heads its moment (0.1{GAP}m is {0.1 / scale.moment:.3g}{GAP}N{GAP}m)."
-    ]
+    newtons, sentences = f"(0.1{GAP}m is {0.1 / scale.force:.3g}{GAP}N)", []
+    if playback.rows:
+        sentences.append(
+            f"Arrows in an arm's colour are its force {whose} {newtons}, with two heads its moment (0.1{GAP}m is"
+            f" {0.1 / scale.moment:.3g}{GAP}N{GAP}m)."
+        )
     if playback.touch_force is not None:
-        sentences.append("Dark grey arrows are forces of the world on the object.")
+        size = "" if sentences else f" {newtons}"
+        sentences.append(f"Dark grey arrows are forces of the world on the object{size}.")
     if playback.internal.size:
         sentences.append("Purple arrows are the internal force.")
     if playback.commanded is not None:
@@ -147,7 +150,7 @@ def bars(playback: Playback) -> list[dict[str, Any]]:
 
 
 def plots(playback: Playback) -> list[dict[str, Any]]:
-    """Return the panel's curves: forces, moments, margins, torques, condition; no plot that would be all zero.
+    """Return the panel's curves: forces, moments, the world's, margins, torques, condition; none that is all zero.
 
     Internal forces have a plot of their own if the controller commands them.
     """
@@ -179,21 +182,29 @@ def plots(playback: Playback) -> list[dict[str, Any]]:
     away = [
         _curve(name, TRUNK_COLOUR, np.linalg.norm(way, axis=1), dashed=name == "turn") for name, way in travel.items()
     ]
+    condition = [_curve(_closures(playback).removeprefix("the "), BLACK, playback.condition)] if playback.rows else []
     whose = "at grasps and loops" if playback.chain.beyond_serial else "on the object"
     found = [
         _plot(f"force {whose} [N]", forces),
         _plot("internal force [N]", commands),
         _plot(f"moment {whose} [N m]", moments),
+        _plot("force of the world on the object [N]", _of_world(playback)),
         _plot("margin of the grasp [N], gives way below 0", margins, lines=[0.0]),
         _plot("largest torque [% of its limit]", torques),
         _plot("floating base from its start [m, rad]", away),
-        _plot(
-            f"condition of {_closures(playback)} [1]",
-            [_curve(_closures(playback).removeprefix("the "), BLACK, playback.condition)],
-            log=True,
-        ),
+        _plot(f"condition of {_closures(playback)} [1]", condition, log=True),
     ]
     return [plot for plot in found if any(any(curve["values"]) for curve in plot["curves"])]
+
+
+def _of_world(playback: Playback) -> list[dict[str, Any]]:
+    """Return the size of the net force of each shape that the object may touch."""
+    touching, force = playback.chain.touching, playback.touch_force
+    if touching is None or force is None:
+        return []
+    shapes = np.array([name.rpartition("/")[2] for name in touching.names])
+    own = [(name, force[:, shapes == name].sum(axis=1)) for name in dict.fromkeys(shapes.tolist())]
+    return [_curve(name, BLACK, np.linalg.norm(net, axis=1), dashed=k % 2 == 1) for k, (name, net) in enumerate(own)]
 
 
 def meter(playback: Playback) -> dict[str, Any]:

@@ -37,7 +37,7 @@ from holdfast.simulation.rollout.between_steps import ACCOUNTS
 from holdfast.simulation.rollout.fused_stepper import systems_at
 from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems, status_summary
 from holdfast.simulation.rollout.user_functions import with_wrenches
-from holdfast.simulation.sample import Samples, recorded, sample
+from holdfast.simulation.sample import Samples, recorded, sample, with_kept_modes
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory, array_names, joined, part_of
@@ -287,6 +287,7 @@ def _recorded(
     if TOUCH_WRENCH in x:
         now["object_wrench"] = inputs["object_wrench"] + x[TOUCH_WRENCH]
         x["touch_mode"] = x["touch_mode"].astype(int)
+        x = with_kept_modes(world.chain, x)
     rollout.kernel.choose_forces({name: x[name] for name in rollout.kernel.carried}, now, parameters)
     margins, t = signals.of_arrays(x), x["t"]
     of_grasps = margins[:, : len(world.chain.arms)]
