@@ -94,6 +94,17 @@ def by_machine_code(c: Case) -> Any:
     return found.qdd
 
 
+def inverse_by_machine_code(c: Case) -> Any:
+    """Return the torques of a batch for the accelerations and wrenches that forward dynamics finds."""
+    found, made, x = c.solved(), compiled(c).inverse_dynamics, as_batch(c)
+    motion = {"qdd": found.qdd, "object_acceleration": found.object_acceleration}
+    motion |= {FLOATING_RESULT: found.base_acceleration} if c.chain.floats else {}
+    del x["tau"]
+    if not c.chain.beyond_serial:
+        return made(**x, **{"qdd": found.qdd, "grasp_wrench": found.grasp_wrench})
+    return made(**x, **motion, grasp_wrench=found.grasp_wrench).tau
+
+
 def gradients_by_machine_code(c: Case) -> Any:
     """Return gradients of sum(qdd) of a batch."""
     cotangent = np.ones((2, c.chain.joint_count))
@@ -154,10 +165,10 @@ def of_questions(c: Case) -> list[Any]:
 
 
 def exported(c: Case) -> Any:
-    """Return the sizes of exported forward dynamics."""
+    """Return the sizes of exported forward and inverse dynamics."""
     with tempfile.TemporaryDirectory() as folder:
-        made = hf.codegen.export_c(c.chain, folder, functions=["forward_dynamics"], state=c.state, overwrite=True)
-    return made.functions["chain_forward_dynamics"].stack
+        made = hf.codegen.export_c(c.chain, folder, state=c.state, overwrite=True)
+    return [made.functions[f"chain_{way}_dynamics"].stack for way in ("forward", "inverse")]
 
 
 def parameters_rows(c: Case) -> Any:
@@ -263,6 +274,7 @@ RUNS = [
 ]
 MACHINE_CODE = [
     Question("compiled forward dynamics", by_machine_code, quick=False),
+    Question("compiled inverse dynamics", inverse_by_machine_code, quick=False),
     Question("rollouts", rollout, quick=False),
     Question("`export_c`", exported, quick=False),
 ]

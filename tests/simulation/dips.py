@@ -61,19 +61,19 @@ def _shape(name, x):
     return -x if 0 < x < 1 else 0.5 + abs(x)
 
 
-def found_dips(dips: Dips, step: float, of=None, **options) -> Trajectory:
+def found_dips(dips: Dips, step: float, of=None, law=lambda function: function, **options) -> Trajectory:
     """Return the run, having asserted that every dip is found, its ends to 1e-9 s, and nothing else is.
 
     Args:
         dips: the dips of the torque.
         step: [s].
         of: the chain and its state; None for `pressed`.
+        law: makes a controller of the torques as a function; `ControlLaw` where functions are called at stages only.
         **options: of `simulate`.
     """
     chain, state = of or pressed()
-    run = simulate(
-        chain, state, lambda t, s, m: (np.array([dips.torque(t)]), m), dips.duration, step, on_slip="record", **options
-    )
+    acting = law(lambda t, s, m, given=None: (np.array([dips.torque(t)]), m))
+    run = simulate(chain, state, acting, dips.duration, step, on_slip="record", **options)
     assert run.stopped is None
     found = [one for one in run.occurrences if one.kind != "unresolved"]  # torques jump inside steps
     assert [one.kind for one in found] == len(dips.begins) * ["violation", "recovery"]

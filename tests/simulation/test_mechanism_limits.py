@@ -119,7 +119,7 @@ def beside_stray(chain, state):
 def test_dips(count, scheme):
     """Dips of a contact's margin from a quarter of a step on are found, of any shape, as those of serial chains."""
     h = 5e-3
-    found_dips(Dips.random(count, h, 0.25, 1.5, seed=count), h, beside_stray(*pressed()), scheme=scheme)
+    found_dips(Dips.random(count, h, 0.25, 1.5, seed=count), h, beside_stray(*pressed()), hf.ControlLaw, scheme=scheme)
 
 
 @pytest.mark.parametrize("beyond", [1e-5, -1e-5])

@@ -104,13 +104,13 @@ def export_c(
     Args:
         chain: the chain, or the result of `holdfast.compile` to have link inertias or wrenches as arguments. Of a chain
             with branches, loops, couplings or several objects, and of a compiled forest, there are forward_dynamics,
-            forward_dynamics_vjp and forward_dynamics_jvp, of which all numbers are constants.
+            forward_dynamics_vjp, forward_dynamics_jvp and inverse_dynamics, of which all numbers are constants.
         folder: the folder to write.
         name: prefix of all names in C: lower-case letters, digits, underscores.
         functions: any of forward_dynamics, inverse_dynamics, mass_matrix, jacobian, closure, kinetic_energy,
             potential_energy, momentum, centre_of_mass, object_mobility, tip_poses, link_poses, project,
             forward_dynamics_vjp, forward_dynamics_jvp, forward_dynamics_jacobian, step. By default forward and inverse
-            dynamics, as far as the chain has machine code of them.
+            dynamics.
         laws: control laws, by the names of their functions.
         target: the processor under Linux: x86-64-v2, x86-64-v3, x86-64-v4 or aarch64.
         source: write C11 source instead of an object file; `target` then determines the compiler options and whether
@@ -149,7 +149,7 @@ def export_c(
         raise ResultError(f"{place}: is in use; try another folder, or overwrite")
     made: Any = compiled or compile(chain)  # type: ignore[arg-type]
     serial = isinstance(made, CompiledChain)
-    by_default = ("forward_dynamics", "inverse_dynamics") if serial else ("forward_dynamics",)
+    by_default = ("forward_dynamics", "inverse_dynamics")
     requested = _requested(by_default if functions is None else functions, laws or {})
     if serial:
         found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in requested]

@@ -12,6 +12,7 @@ from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.derivative_computation import computation_of, request_of
 from holdfast.compiled.derivative_schedule import DerivativeKind
 from holdfast.compiled.forest import CompiledForest, CompiledMechanism
+from holdfast.compiled.forest_function import ForestFunction
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED
 from holdfast.compiler.schedule import External, Schedule
@@ -58,7 +59,7 @@ _KINDS = {
 
 
 _OF_FOREST: dict[str, Literal["vjp", "jvp"]] = {"_vjp": "vjp", "_jvp": "jvp"}
-FOREST_FUNCTIONS = ("forward_dynamics", *(f"forward_dynamics{kind}" for kind in _OF_FOREST))
+FOREST_FUNCTIONS = ("forward_dynamics", *(f"forward_dynamics{kind}" for kind in _OF_FOREST), "inverse_dynamics")
 
 
 def exported_names() -> tuple[str, ...]:
@@ -136,10 +137,10 @@ def exported_of_forest(
     of: Sequence[str] | None = None,
     by: Sequence[str] | None = None,
 ) -> ExportedFunction:
-    """Return forward dynamics of a chain that is answered as a forest, or of a forest, or derivatives of it.
+    """Return one of `FOREST_FUNCTIONS` of a chain that is answered as a forest, or of a forest.
 
     Args:
-        name: forward_dynamics, forward_dynamics_vjp or forward_dynamics_jvp.
+        name: the name.
         compiled: its machine code.
         state: state of the chain in memory at first; without one, joints at zero and bodies in the world's frame.
         of: names of the results of derivatives.
@@ -149,19 +150,22 @@ def exported_of_forest(
         MethodNotApplicable: it has no machine code of the function.
         StateError: a result or an argument is unknown.
     """
-    forward, summary = compiled.forward_dynamics, QUESTIONS["forward_dynamics"].summary
-    question, _, kind = name.partition("forward_dynamics")
-    if question or kind not in ("", *_OF_FOREST):
+    if name not in FOREST_FUNCTIONS:
         raise MethodNotApplicable(
             f"export: functions: '{name}': expected {', '.join(FOREST_FUNCTIONS)} of a chain that is answered as a"
             " forest, which has no other machine code yet"
         )
-    terms = forward.function.terms
-    made = forward.function if not kind else forward.derived(_OF_FOREST[kind], of or terms.of, by or terms.by)
+    question, _, derivative = name.partition("_dynamics")
+    made: ForestFunction = getattr(compiled, f"{question}_dynamics").function
+    terms, summary = made.terms, QUESTIONS[f"{question}_dynamics"].summary
+    if derivative:
+        kind = _OF_FOREST[derivative]
+        made = compiled.forward_dynamics.derived(kind, of or terms.of, by or terms.by)
+        summary = f"{summary}, {_KINDS[kind]}"
     chain = terms.subject if isinstance(compiled, CompiledMechanism) else None
     values = _at_rest(made.externals) | ({} if chain is None else _arrays(chain, state))
-    summary = summary if not kind else f"{summary}, {_KINDS[_OF_FOREST[kind]]}"
-    statuses = {key: says for key, says in _ANSWERS.items() if key != "undecided"}
+    impossible = {"undecided"} if "rank" in made.of_status else {"undecided", "indeterminate", "singular"}
+    statuses = {key: says for key, says in _ANSWERS.items() if key not in impossible}
     return _function(name, summary, made.externals, made.schedule, values, statuses)
 
 

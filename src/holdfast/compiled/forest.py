@@ -66,7 +66,7 @@ class _Compiled(Generic[F]):
         return self.forward_dynamics.bind(kind, **names_and_inputs)
 
     def export(self, folder: str | PathLike[str], **options: Any) -> ExportedCode:
-        """Write forward dynamics, or derivatives of it, as C or object files that run without Python.
+        """Write forward dynamics, derivatives of it, and inverse dynamics as C or object files that run without Python.
 
         Args:
             folder: the folder to which the files are written.

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from holdfast.compiled.computation import Computation
-from holdfast.compiled.kernels import kernel
+from holdfast.compiled.kernels import batch_kernel, kernel
 from holdfast.compiled.traced_chain import Given, externals, traced
-from holdfast.compiler.kernel import Bound
+from holdfast.compiler.kernel import BatchKernel, Bound
 from holdfast.compiler.schedule import Schedule
 from holdfast.model.fingerprint import code_key
 from holdfast.model.forest import Forest
@@ -24,7 +27,7 @@ class _Structure(NamedTuple):
 
 
 class ForestCode:
-    """A function of a forest as machine code, for one system at a time."""
+    """A function of a forest as machine code, for one system at a time, or for several side by side."""
 
     def __init__(
         self,
@@ -46,8 +49,10 @@ class ForestCode:
             guarded: names of results.
         """
         wrenches, forces = (len(forest.closures), 6), (len(forest.couplings),)
-        shapes: dict[str, Shape] = {"q": (forest.position_count,), "link_wrench": (len(forest.bodies), 6)}
-        shapes |= dict.fromkeys(("qd", "qdd", "tau"), (forest.velocity_count,))
+        shapes: dict[str, Shape] = {"link_wrench": (len(forest.bodies), 6), "contact": (len(forest.closures), 7)}
+        shapes |= dict.fromkeys(("q", "rates"), (forest.position_count,))
+        shapes |= dict.fromkeys(("qd", "qdd", "tau", "needed", "free"), (forest.velocity_count,))
+        shapes |= {"asked": (forest.constraint_row_count,)}
         shapes |= {"closure_wrench": wrenches, "coupling_force": forces, **outputs}
         found, status = externals(inputs, (), outputs, shapes), "status" if "status" in outputs else None
 
@@ -55,7 +60,7 @@ class ForestCode:
             return traced(found, function, status, guarded)
 
         structure: Any = _Structure(forest, f"{code_key(forest)}/{name}")
-        self._bound: Bound = kernel(Computation("forest", structure, found, schedule, tuple(inputs))).bind()
+        self._made, self._outputs = Computation("forest", structure, found, schedule, tuple(inputs)), outputs
 
     def __call__(self, **given: Array) -> Mapping[str, Array]:
         """Return arguments and results by name, in memory that the next call overwrites."""
@@ -63,3 +68,22 @@ class ForestCode:
             self._bound.arrays[name][...] = x
         self._bound.run()
         return self._bound.arrays
+
+    def of_each(self, count: int, **given: Array) -> Mapping[str, Array]:
+        """Return the results for several systems by name, with their number as first axis.
+
+        Args:
+            count: the number of systems.
+            **given: the arguments, with one row for each system, or one value that all share.
+        """
+        found = {name: np.zeros((count, *shape)) for name, shape in self._outputs.items()}
+        self._batch.run_arrays(given | found, count, 1)
+        return found
+
+    @cached_property
+    def _bound(self) -> Bound:
+        return kernel(self._made).bind()
+
+    @cached_property
+    def _batch(self) -> BatchKernel:
+        return batch_kernel(self._made, quick=True)

@@ -2,25 +2,44 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
 
 from holdfast.compiled.forest_code import ForestCode
 from holdfast.compiled.forest_schedule import forward_outputs, traced_solution, with_constant_arms, with_constants
-from holdfast.compiled.result import INDETERMINATE, OK
+from holdfast.compiled.result import INDETERMINATE, OK, SINGULAR
 from holdfast.compiled.traced_chain import Given
+from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
 from holdfast.dynamics.tree.forest_balance import power_into
-from holdfast.dynamics.tree.forest_inverse import InverseAt, InverseTerms, inverse_terms, loads_for
+from holdfast.dynamics.tree.forest_closing import FOREST_CLOSED
+from holdfast.dynamics.tree.forest_inverse import (
+    CarryingForces,
+    InverseAt,
+    InverseTerms,
+    carrying_forces,
+    inverse_terms,
+    loads_for,
+    smallest_accelerations,
+)
 from holdfast.dynamics.tree.forest_projection import ClosingRound, closing_round
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
 from holdfast.dynamics.tree.forest_simulate import ForestAccount, ForestInstant, ForestReference, gaps_and_energies
-from holdfast.dynamics.tree.varied_forest import ForestArguments, position_rates
+from holdfast.dynamics.tree.varied_forest import (
+    ForestArguments,
+    position_rates,
+    rates_of_positions,
+    unit_quaternions,
+)
+from holdfast.forces.margins import contact_margin, limited
 from holdfast.model.forest import Forest
-from holdfast.questions.arrays import Shape
-from holdfast.spatial.scalar import Array, array
+from holdfast.questions.arrays import Shape, contact_of
+from holdfast.spatial.linalg import shortest_solution
+from holdfast.spatial.scalar import Array, array, maximum, where
+from holdfast.spatial.spatial_vector import unrotate
 
+AGREEING = 1e-9  # relative: what rows leave over that agree
 LONGEST_FORCES = 200_000  # operations of the smallest forces above which they are left to NumPy
 _FORCES = ("closure_wrench", "coupling_force")
 _ACCOUNT = ("position_gap", "velocity_gap", "kinetic", "potential")
@@ -67,6 +86,16 @@ class CompiledForestEngine:
         numbers: dict[str, Any] = {name: float(x[name]) for name in _ACCOUNT}
         return ForestAccount(**forces, **numbers)
 
+    def margins(self, x: Array, rates: Array, tau: Array, wrenches: Array) -> Array | None:
+        """See `ForestEngine`."""
+        if self.rank is None or (self.rank < self.forest.constraint_row_count and self._costly):
+            return None
+        contacts = np.array([contact_of(closure.grasp) for closure in self.forest.closures])
+        found = self._margins.of_each(len(x), q=x, rates=rates, tau=tau, link_wrench=wrenches, contact=contacts)
+        answered = found["status"] <= INDETERMINATE  # which NaN is not
+        margins = found["margin"]
+        return margins if (answered & (found["rank"] == self.rank)).all() and not np.isnan(margins).any() else None
+
     def inverse(self, given: ForestArguments) -> InverseAt | None:
         """Return inverse dynamics by machine code; None of another forest, or if bases move. See `inverse_code`."""
         if given.forest is not self.forest or given.under or given.behind:
@@ -77,7 +106,17 @@ class CompiledForestEngine:
         def loads(qdd: Array) -> Array:
             return self._loads(q=given.q, qd=given.qd, qdd=qdd, link_wrench=given.wrenches)["loads"].copy()
 
-        return InverseAt(terms, loads)
+        def carrying(needed: Array, asked: Array) -> CarryingForces:
+            x = self._carrying(q=given.q, qd=given.qd, needed=needed, asked=asked)
+            return CarryingForces(x["force"].copy(), x["left"].copy(), float(x["missing"]))
+
+        def nearest(qdd: Array, free: Array) -> Array:
+            x = self._nearest(q=given.q, qd=given.qd, qdd=qdd, free=free)
+            if not x["apart"] <= AGREEING:
+                return smallest_accelerations(terms, qdd, free)
+            return x["nearest"].copy()
+
+        return InverseAt(terms, loads, carrying, nearest)
 
     @property
     def _costly(self) -> bool:
@@ -140,6 +179,35 @@ class CompiledForestEngine:
         return ForestCode(forest, f"account/{rank}", ("q", "qd", *_FORCES), outputs, function)
 
     @cached_property
+    def _margins(self) -> ForestCode:
+        forest, rank = self.forest, self.rank or 0
+        limits = [bool(limited(contact_of(closure.grasp)) < np.inf) for closure in forest.closures]
+
+        def function(given: Given) -> dict[str, Any]:
+            made = with_constants(forest)
+            q, qd = unit_quaternions(made, given["q"]), rates_of_positions(made, given["q"], given["rates"])
+            gap, unique = 0.0, rank == forest.constraint_row_count
+            if not unique:  # rows that follow from others contradict each other beside closed states
+                for _ in range(2):
+                    q, qd, gap, *_ = closing_round(made, q, qd, with_constant_arms(forest))
+            given = {**given, "q": q, "qd": qd}
+            found, motion = forward_outputs(traced_solution(forest, given)), self._arguments(given).motion({})
+            wrenches = [*found["closure_wrench"]]
+            if not unique:
+                wrenches, _ = least_forces(motion, forest_rows(motion), wrenches, [*found["coupling_force"]], rank)
+            margins = [
+                contact_margin(c.contact.grasp.kind, contact, unrotate(c.contact.R, f)) if has else np.inf
+                for c, contact, f, has in zip(motion.closures, given["contact"], wrenches, limits, strict=True)
+            ]
+            status = where(gap <= FOREST_CLOSED, found["status"], float(SINGULAR))
+            return {"margin": array(margins), "status": status, "rank": found["rank"]}
+
+        outputs: dict[str, Shape] = {"margin": (len(forest.closures),), **dict.fromkeys(("status", "rank"), ())}
+        return ForestCode(
+            forest, f"margins/{rank}/{limits}", ("q", "rates", "tau", "link_wrench", "contact"), outputs, function
+        )
+
+    @cached_property
     def _inverse(self) -> ForestCode:
         forest = self.forest
         rows, n = forest.constraint_row_count, forest.velocity_count
@@ -152,6 +220,30 @@ class CompiledForestEngine:
 
         outputs = {f"terms_{name}": shape for name, shape in shapes.items()}
         return ForestCode(forest, "inverse", ("q", "qd"), outputs, function)
+
+    @cached_property
+    def _carrying(self) -> ForestCode:
+        forest = self.forest
+
+        def function(given: Given) -> dict[str, Any]:
+            terms = inverse_terms(self._arguments(given).motion({}))
+            return carrying_forces(forest, terms, given["needed"], given["asked"])._asdict()
+
+        outputs: dict[str, Shape] = {"force": (forest.constraint_row_count,), "left": (forest.velocity_count,)}
+        return ForestCode(forest, "carrying", ("q", "qd", "needed", "asked"), outputs | {"missing": ()}, function)
+
+    @cached_property
+    def _nearest(self) -> ForestCode:
+        def function(given: Given) -> dict[str, Any]:
+            terms, qdd, free = inverse_terms(self._arguments(given).motion({})), given["qdd"], given["free"]
+            missing = terms.r - terms.on_qd @ qdd
+            change = shortest_solution(terms.on_qd * free, missing, NULL_SINGULAR_VALUE)
+            left = [*(terms.on_qd @ (free * change) - missing)]
+            sizes = reduce(maximum, [abs(x) for x in missing], 1.0)
+            return {"nearest": qdd + free * change, "apart": reduce(maximum, [abs(x) for x in left], 0.0) / sizes}
+
+        outputs: dict[str, Shape] = {"nearest": (self.forest.velocity_count,), "apart": ()}
+        return ForestCode(self.forest, "nearest", ("q", "qd", "qdd", "free"), outputs, function)
 
     @cached_property
     def _loads(self) -> ForestCode:

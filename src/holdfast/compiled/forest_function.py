@@ -16,11 +16,10 @@ from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.forest_request import ForestRequest
 from holdfast.compiled.forest_schedule import forward_outputs, traced_solution
 from holdfast.compiled.forest_terms import ForestTerms
-from holdfast.compiled.kernels import kernel
+from holdfast.compiled.kernels import compiling, kernel
 from holdfast.compiled.traced_chain import Given, externals, traced
 from holdfast.compiler.schedule import FIRST_BAD, Schedule
 from holdfast.errors import StateError
-from holdfast.progress import busy
 from holdfast.spatial.scalar import Array
 
 
@@ -96,7 +95,7 @@ class ForestFunction:
         else:
             arrays.require_fit(result, self.chain, batch)
         if batch is not None and not self.calls.kernel.batch_is_compiled:
-            with busy(self.progress, f"compiling {self.name} of {self._of} for batches"):
+            with compiling(self.chain, f"{self.name} for batches", self.progress):
                 self.calls.kernel.compile_batch()
         self.calls(found, result, threads)
         if batch is None and result.array("status") >= FIRST_BAD:
@@ -106,14 +105,10 @@ class ForestFunction:
         self.request.settle(self.terms, result)
         return self.shown(result) if out is None else out
 
-    @property
-    def _of(self) -> str:
-        return "a forest" if self.chain is self.terms.forest else ", ".join(self.chain.names)
-
     @cached_property
     def calls(self) -> Calls:
         """The calls of the machine code, which is made or loaded when they are first needed."""
-        with busy(self.progress, f"compiling {self.name} of {self._of}"):
+        with compiling(self.chain, self.name, self.progress):
             structure: Any = self  # whose key names the code
             code = kernel(Computation("forest", structure, self.externals, self.schedule, tuple(self._needed)))
         return Calls(code, {name: np.zeros(shape) for name, shape in self.terms.further.items()})

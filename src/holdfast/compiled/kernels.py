@@ -18,6 +18,7 @@ from holdfast.compiler.kernel import BatchKernel, Kernel
 from holdfast.compiler.schedule import Schedule
 from holdfast.compiler.targets import cpu
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.forest import Forest
 from holdfast.progress import busy, detail
 
 # The packages whose functions become machine code.
@@ -66,9 +67,10 @@ def batch_kernel(made: Computation, quick: bool = False, what: str = "steps") ->
     return found
 
 
-def compiling(chain: ClosedChain, what: str, progress: bool | None) -> AbstractContextManager[None]:
-    """Show that a computation of a chain is compiled within this context; see `busy`."""
-    return busy(progress, f"compiling {what} of {', '.join(chain.names)}")
+def compiling(chain: ClosedChain | Forest, what: str, progress: bool | None) -> AbstractContextManager[None]:
+    """Show that a computation of a chain or forest is compiled within this context; see `busy`."""
+    whose = "a forest" if isinstance(chain, Forest) else ", ".join(chain.names)
+    return busy(progress, f"compiling {what} of {whose}")
 
 
 def compile_batch(code: Kernel, chain: ClosedChain, what: str, progress: bool | None) -> None:

@@ -254,6 +254,16 @@ class Forest(Frozen):
         """Per body, the slice of its joint in qd, qdd and tau."""
         return _slices(body.joint.of_kind.freedoms for body in self.bodies)
 
+    @frozen_property
+    def quaternions(self) -> tuple[tuple[slice, slice], ...]:
+        """Of every unit quaternion in q its slice there, and that of its angular velocity in qd."""
+        bodies = zip(self.bodies, self.positions, self.velocities, strict=True)
+        return tuple(
+            (slice(at_q.start, at_q.start + 4), slice(at_v.start, at_v.start + 3))
+            for body, at_q, at_v in bodies
+            if body.joint.of_kind.pose
+        )
+
     @property
     def position_count(self) -> int:
         """Length n_q of q."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,11 @@ class Instant:
         return grasp_margins(self.chain, self.state, self.result.grasp_wrench)
 
     @property
+    def grasp_wrenches(self) -> Array:
+        """(grasps, 6) wrenches at the grasps; of a chain that is answered as a forest, at its closures."""
+        return self.result.grasp_wrench
+
+    @property
     def velocities(self) -> Array:
         """(n + 6,) joint rates and the object's twist; a floating base adds six entries."""
         return np.concatenate([self.state.qd, *twists(self.state)])
@@ -97,10 +103,13 @@ class LateInstant(Instant):
         """Evaluate the instant in full, and return the attribute."""
         if name.startswith("_"):
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
-        whole = self._whole()
-        found = getattr(whole, name)
-        vars(self).update({**vars(whole), name: found})
+        found = getattr(self._evaluated, name)
+        vars(self).update({**vars(self._evaluated), name: found})
         return found
+
+    @cached_property
+    def _evaluated(self) -> Instant:
+        return self._whole()
 
     @property
     def joints(self) -> tuple[Array, Array, Array]:
@@ -111,6 +120,11 @@ class LateInstant(Instant):
     def grasp_margins(self) -> Array:
         """(grasps,) margins of the grasps with the forces of the result [N]."""
         return super().grasp_margins if self._margins is None else self._margins
+
+    @property
+    def grasp_wrenches(self) -> Array:
+        """(grasps, 6) wrenches at the grasps."""
+        return self._evaluated.grasp_wrenches
 
 
 def late_instant(

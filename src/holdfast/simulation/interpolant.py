@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -97,9 +97,9 @@ def _pose_and_twist(x: Array, rate: Array) -> tuple[Array, Array]:
 
 
 def quintic(
-    x0: Array, v0: Array, a0: Array, x1: Array, v1: Array, a1: Array, step: float, s: float
+    x0: Array, v0: Array, a0: Array, x1: Array, v1: Array, a1: Array, step: float, s: float | Array
 ) -> tuple[Array, Array]:
-    """Return value and rate at the fraction s of the step, 0 at its start and 1 at its end."""
+    """Return value and rate at fractions s of the step, (1) or (k, 1), 0 at its start and 1 at its end."""
     gap = x1 - x0 - step * v0 - 0.5 * step**2 * a0  # remainder for the powers 3, 4 and 5 of s
     gap_rate = step * (v1 - v0 - step * a0)
     gap_acceleration = step**2 * (a1 - a0)
@@ -109,3 +109,8 @@ def quintic(
     t = s * step
     x = x0 + t * v0 + 0.5 * t**2 * a0 + s**3 * (c3 + s * (c4 + s * c5))
     return x, v0 + t * a0 + s**2 * (3.0 * c3 + s * (4.0 * c4 + 5.0 * s * c5)) / step
+
+
+def quadratic(first: Any, half: Any, last: Any, s: float | Array) -> Array:
+    """Return the values at fractions s of the step, as of `quintic`, from those at its start, middle and end."""
+    return (1.0 - s) * (1.0 - 2.0 * s) * first + 4.0 * s * (1.0 - s) * half + s * (2.0 * s - 1.0) * last

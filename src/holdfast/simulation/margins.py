@@ -112,13 +112,13 @@ class Signals:
         """Whether a grasp has a limit."""
         return any(conditions(grasp) for grasp in self.chain.grasps.values())
 
-    def description(self, at: Any, signal: int) -> str:
+    def description(self, at: Instant, signal: int) -> str:
         """Return a sentence on what happens when the margin reaches zero."""
         name, quantity = self.names[signal], self.quantities[signal]
         if quantity != "grasp":
             return f"joint '{name}' reaches its {quantity} limit"
         grasp = self.chain.grasps[name]
-        wrench = unrotate(at.state.object_frame.R @ grasp.frame.R, at.result.grasp_wrench[signal])
+        wrench = unrotate(at.state.object_frame.R @ grasp.frame.R, at.grasp_wrenches[signal])
         return f"grasp '{name}' {giving_way(grasp, wrench)}"
 
 

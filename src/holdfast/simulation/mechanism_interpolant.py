@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
-from holdfast.dynamics.tree.varied_forest import position_rates, rates_of_positions, unit_quaternions
+from holdfast.dynamics.tree.varied_forest import position_rates
 from holdfast.model.forest import Forest
 from holdfast.simulation.interpolant import quintic
 from holdfast.spatial.scalar import Array
@@ -17,34 +16,25 @@ class ForestKnot(NamedTuple):
     Attributes:
         t: time [s].
         q: (n_q,) positions.
-        qd: (n_v,) rates.
-        qdd: (n_v,) accelerations.
+        rates: (n_q,) dq/dt.
+        changes: (n_q,) d^2q/dt^2.
     """
 
     t: float
     q: Array
-    qd: Array
-    qdd: Array
+    rates: Array
+    changes: Array
 
+    @classmethod
+    def of(cls, forest: Forest, t: float, q: Array, qd: Array, qdd: Array) -> Self:
+        """Return the knot of a motion with rates and accelerations (n_v,); dq/dt is linear in qd and in quaternions."""
+        rates, alone = position_rates(forest, q, qd), position_rates(forest, 0.0 * q, qd)
+        return cls(t, q, rates, position_rates(forest, q, qdd) + position_rates(forest, rates, qd) - alone)
 
-def forest_interpolant(forest: Forest, now: ForestKnot, later: ForestKnot) -> Callable[[float], tuple[Array, Array]]:
-    """Return positions (n_q,) and rates (n_v,) as a function of time between two knots.
+    def until(self, later: ForestKnot, s: float | Array) -> tuple[Array, Array]:
+        """Return q and dq/dt at fractions s of the step to a later knot, (n_q,) each, or (k, n_q) for s (k, 1).
 
-    Orders are those of `interpolant`; quaternions are interpolated as four numbers, which are of the same sign at both
-    knots, and scaled to unit length.
-    """
-    step = later.t - now.t
-    ends = [_motion(forest, at) for at in (now, later)]
-
-    def at(t: float) -> tuple[Array, Array]:
-        x, rate = quintic(*ends[0], *ends[1], step, (t - now.t) / step)
-        return unit_quaternions(forest, x), rates_of_positions(forest, x, rate)
-
-    return at
-
-
-def _motion(forest: Forest, at: ForestKnot) -> tuple[Array, Array, Array]:
-    """Return positions, dq/dt and its rate, (n_q,) each; dq/dt is linear in qd, and in the quaternions."""
-    rate = position_rates(forest, at.q, at.qd)
-    of_turning = position_rates(forest, rate, at.qd) - position_rates(forest, 0.0 * at.q, at.qd)
-    return at.q, rate, position_rates(forest, at.q, at.qdd) + of_turning
+        Orders are those of `interpolant`. Quaternions are interpolated as four numbers, which are of the same sign at
+        both knots, and are not of unit length; see `unit_quaternions` and `rates_of_positions`.
+        """
+        return quintic(*self[1:], *later[1:], later.t - self.t, s)

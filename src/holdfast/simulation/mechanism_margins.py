@@ -5,16 +5,16 @@ If forces are not unique, margins are those of the smallest.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from holdfast.forces.margins import conditions, joint_coordinates, margin_of_row, margins_of_joints
 from holdfast.forces.row_wrenches import contact_wrenches
 from holdfast.model.grasp_rows import GraspRow, grasp_rows
+from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import JOINT_QUANTITIES, Quantity, Signals, freedom_names, giving_way
 from holdfast.spatial.scalar import Array
 
@@ -66,30 +66,33 @@ class MechanismSignals(Signals):
         grasps = [i in self.limited_rows for i in range(len(self.rows))]
         return np.flatnonzero(np.array([*grasps, *self.joint_limits.limited.flat]))
 
-    def of_each(self, instants: Sequence[Any]) -> Array:
+    def of_each(self, instants: Sequence[Instant]) -> Array:
         """Return all margins at several instants, (instants, rows + 3 n). O(rows + n), O(bodies) with limited loops."""
-        return np.array([self._of(at) for at in instants])
+        q, qd, tau = (np.array(of_joints) for of_joints in zip(*(at.joints for at in instants), strict=True))
+        margins = [[margin_of_row(self.limited_rows[i], f) for i, f in self._wrenches(at).items()] for at in instants]
+        found = np.array(margins).reshape(len(instants), -1)
+        return self.of_arrays({"q": joint_coordinates(self.chain, q), "qd": qd, "drive": tau, "margin": found})
 
-    def _of(self, at: Any) -> Array:
-        found = np.full(len(self.rows), np.inf)
-        for i, wrench in self._wrenches(at).items():
-            found[i] = margin_of_row(self.limited_rows[i], wrench)
-        q, qd, tau = at.joints
-        return np.concatenate([found, *margins_of_joints(self.joint_limits, joint_coordinates(self.chain, q), qd, tau)])
+    def of_arrays(self, x: Mapping[str, Array]) -> Array:
+        """Return all margins of several systems, (k, rows + 3 n), from coordinates of joints and rows with limits."""
+        grasps = np.full((len(x["q"]), len(self.rows)), np.inf)
+        grasps[:, [*self.limited_rows]] = x["margin"]
+        of_joints = margins_of_joints(self.joint_limits, x["q"], x["qd"], x["drive"])
+        return np.concatenate([grasps, *of_joints], axis=1)
 
-    def wrenches(self, at: Any) -> Array:
+    def wrenches(self, at: Instant) -> Array:
         """Return the wrenches of the run's grasps and loops, (rows, 6); zero where none is closed."""
         found = np.zeros((len(self.rows), 6))
         for i, row in self.closed.items():
-            found[i] = at.account.closure_wrench[self.chain.as_forest.closures[row.key]]
+            found[i] = at.grasp_wrenches[self.chain.as_forest.closures[row.key]]
         return found
 
-    def _wrenches(self, at: Any) -> dict[int, Array]:
+    def _wrenches(self, at: Instant) -> dict[int, Array]:
         """Return the wrenches of the rows with limits in contact axes."""
         limited = self.limited_rows
         return contact_wrenches(self.chain, at.state, self.wrenches(at), limited) if limited else {}
 
-    def description(self, at: Any, signal: int) -> str:
+    def description(self, at: Instant, signal: int) -> str:
         """Return a sentence on what happens when the margin reaches zero."""
         name, quantity = self.names[signal], self.quantities[signal]
         if quantity != "grasp":

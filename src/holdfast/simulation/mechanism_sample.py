@@ -11,7 +11,7 @@ from holdfast.dynamics.tree.mechanism_terms import joint_rows
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.mechanism_margins import MechanismSignals
-from holdfast.simulation.mechanism_stepper import MechanismMoment
+from holdfast.simulation.mechanism_moment import MechanismMoment
 from holdfast.simulation.sample import lowest_joints, lowest_of
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from holdfast.compiled.forest_engine import CompiledForestEngine
-from holdfast.control.controller import Controller, torques_and_memory
+from holdfast.control.controller import Controller, GivenLaw, torques_and_memory
 from holdfast.dynamics.tree.forest_inverse import InverseAt
 from holdfast.dynamics.tree.forest_simulate import (
-    ForestAccount,
     ForestEngine,
     ForestReference,
     ForestSample,
@@ -21,49 +20,51 @@ from holdfast.dynamics.tree.forest_simulate import (
     closed_near,
     forest_step,
 )
-from holdfast.dynamics.tree.mechanism_terms import chain_state, flat_state, joint_rows, mechanism_arguments
-from holdfast.dynamics.tree.varied_forest import ForestArguments
+from holdfast.dynamics.tree.mechanism_terms import (
+    body_wrenches,
+    chain_arrays_of,
+    chain_state,
+    driven_joints,
+    flat_state,
+    joint_rows,
+    require_passive,
+)
+from holdfast.dynamics.tree.varied_forest import ForestArguments, rates_of_positions, unit_quaternions
 from holdfast.errors import ClosureError, ModelError, SingularChainError, StateError
+from holdfast.forces.margins import joint_coordinates
 from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.adaptive import Tolerance, error_ratio
 from holdfast.simulation.environment import Environment, require_wrenches
 from holdfast.simulation.instant import Instant, late_instant
+from holdfast.simulation.interpolant import quadratic, quintic
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
-from holdfast.simulation.mechanism_interpolant import ForestKnot, forest_interpolant
+from holdfast.simulation.mechanism_margins import MechanismSignals
+from holdfast.simulation.mechanism_moment import MechanismMoment
 from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, found_state, shaped_inputs
 
 
-@dataclass(frozen=True, eq=False)
-class MechanismMoment(Instant):
-    """A chain that is answered as a forest at one time; `result` and `power` are those of `sample.now`.
+class Acting(NamedTuple):
+    """What acts on a chain at one time and state.
 
     Attributes:
-        sample: its forest.
-        engine: what has evaluated it.
+        state: the state.
+        given: the arguments of its forest.
+        tau: (n,) torques of the drives.
+        memory: memory of the controller from there.
+        inputs: external wrenches.
     """
 
-    sample: ForestSample = None  # pyright: ignore[reportAssignmentType]
-    engine: ForestEngine = None  # pyright: ignore[reportAssignmentType]
-
-    @cached_property
-    def account(self) -> ForestAccount:
-        """Its forces, which are the smallest if they are not unique, gaps and energies."""
-        return self.engine.account(self.sample.given, self.sample.now)
-
-    @property
-    def velocities(self) -> Array:
-        """(n_v,) rates of the forest."""
-        return self.sample.given.qd
-
-    @property
-    def accelerations(self) -> Array:
-        """(n_v,) accelerations of the forest."""
-        return self.sample.now.qdd
+    state: State
+    given: ForestArguments
+    tau: Array
+    memory: Any
+    inputs: Inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +94,7 @@ class MechanismStepper:
 
     def evaluate(self, t: float, state: State, memory: Any) -> MechanismMoment:
         """Return the chain at a given state; see `Stepper`."""
-        return self._moment(t, state, *self._arguments(t, state, memory))
+        return self._moment(t, self._acting(t, state, *flat_state(self.environment.chain, state), memory))
 
     def between(self, now: Instant, later: Instant | None) -> Callable[[float], Instant]:
         """Return the chain as a function of time between the ends of a step, on the quintics through them.
@@ -103,23 +104,58 @@ class MechanismStepper:
         assert isinstance(now, MechanismMoment) and isinstance(later, MechanismMoment)
         chain = self.environment.chain
         forest = chain.as_forest.forest
-        knots = (ForestKnot(one.t, one.sample.given.q, one.velocities, one.accelerations) for one in (now, later))
-        way = forest_interpolant(forest, *knots)
 
         def at(t: float) -> Instant:
-            q, qd = way(t)
-            state = chain_state(chain, q, qd)
-            found = self._arguments(t, state, now.memory)
+            x, rates = now.knot.until(later.knot, (t - now.t) / (later.t - now.t))
+            q, qd = unit_quaternions(forest, x), rates_of_positions(forest, x, rates)
+            found = self._acting(t, None, q, qd, now.memory)
 
             def whole() -> Instant:
                 if now.sample.now.unique:
-                    return self._moment(t, state, *found)
+                    return self._moment(t, found)
                 closed = closed_near(self.engine, forest, q, qd)
-                return self.evaluate(t, chain_state(chain, *closed[:2]), now.memory)
+                return self._moment(t, self._acting(t, None, *closed[:2], now.memory))
 
-            return late_instant(t, (state.q, state.qd, found[1]), None, whole)
+            return late_instant(t, (found.state.q, found.state.qd, found.tau), None, whole)
 
         return at
+
+    def margins_between(
+        self, now: Instant, later: Instant, times: Sequence[float], signals: MechanismSignals
+    ) -> Array | None:
+        """Return the margins at times between the ends of a step, (k, signals), on the quintics through the ends.
+
+        Torques lie on the quadratic through the controller's answers at the stages; a `ControlLaw` is asked anew.
+
+        Returns:
+            None if torques half-way through the step are not known, or the engine does not find wrenches there.
+        """
+        assert isinstance(now, MechanismMoment) and isinstance(later, MechanismMoment)
+        chain, h = self.environment.chain, later.t - now.t
+        forest, s = chain.as_forest.forest, ((np.array(times) - now.t) / h)[:, None]
+        asked = isinstance(self.controller, GivenLaw)
+        x, rates = now.knot.until(later.knot, s) if asked or signals.limited_rows else (s, s)
+        if asked:
+            rows = zip(x, rates, strict=True)
+            places = [(unit_quaternions(forest, a), rates_of_positions(forest, a, b)) for a, b in rows]
+            states = [found_state(chain_arrays_of(chain, *place)) for place in places]
+            tau = np.array([self._asked(*at, now.memory)[0] for at in zip(times, states, strict=True)])
+        elif later.halfway is None:
+            return None
+        else:
+            tau = quadratic(now.tau, later.halfway, later.tau, s)
+        q, qd = quintic(*_of_joints(chain, now), *_of_joints(chain, later), h, s)
+        found = np.zeros((len(times), 0))
+        if signals.limited_rows:
+            if not isinstance(self.environment.inputs, Inputs):
+                return None
+            drives = np.zeros((len(times), forest.velocity_count))
+            drives[:, joint_rows(chain)] = tau - friction_torque(self._friction, qd.T).T
+            margins = self.engine.margins(x, rates, drives, now.sample.given.wrenches)
+            if margins is None:
+                return None
+            found = margins[:, [chain.as_forest.closures[row.key] for row in signals.limited_rows.values()]]
+        return signals.of_arrays({"q": q, "qd": qd, "drive": tau, "margin": found})
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return the results of single steps; see `Stepper`."""
@@ -127,10 +163,12 @@ class MechanismStepper:
 
     def _to(self, now: Instant, end: float) -> Advance:
         assert isinstance(now, MechanismMoment)
-        chain = self.environment.chain
+        chain, torques = self.environment.chain, []
 
         def acting(t: float, q: Array, qd: Array) -> ForestArguments:
-            return self._arguments(t, chain_state(chain, q, qd), now.memory)[0]
+            found = self._acting(t, None, q, qd, now.memory)
+            torques.append(found.tau)
+            return found.given
 
         try:
             step = forest_step(self.engine, acting, now.sample, end, partial(_increment, self.scheme))
@@ -140,6 +178,8 @@ class MechanismStepper:
         except ModelError:  # as of serial chains, see `stepper.attempted`
             failure = StateError("the step overflows float64; try a smaller time step")
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
+        middle = [tau for node, tau in zip(self.scheme.c[1:].tolist(), torques, strict=False) if node == 0.5]
+        later = replace(later, halfway=np.mean(middle, axis=0) if middle else None)
         error = error_ratio(step.estimates, self._allowed(now, later))
         return Advance(end, later, _gaps(step.drift, later), step.work, error)
 
@@ -150,30 +190,49 @@ class MechanismStepper:
         sizes = [(len(a), max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0))) for a, b in pairs]
         return self.tolerance.atol + self.tolerance.rtol * np.concatenate([np.full(n, size) for n, size in sizes])
 
-    def _moment(
-        self, t: float, state: State, given: ForestArguments, tau: Array, memory: Any, inputs: Inputs
-    ) -> MechanismMoment:
-        now = self.engine.instant(given)
-        sample, found = ForestSample(t, given, now), (now, now.power)
+    def _moment(self, t: float, at: Acting) -> MechanismMoment:
+        now = self.engine.instant(at.given)
+        sample, found = ForestSample(t, at.given, now), (now, now.power)
+        chain, acting = self.environment.chain, (at.inputs, at.tau, at.memory)
+        return MechanismMoment(t, at.state, chain, *acting, *found, sample=sample, engine=self.engine)  # pyright: ignore
+
+    def _acting(self, t: float, state: State | None, q: Array, qd: Array, memory: Any) -> Acting:
+        """Return what acts at a time, and at positions and rates of the forest, whose state is found if it is None."""
         chain = self.environment.chain
-        return MechanismMoment(t, state, chain, inputs, tau, memory, *found, sample=sample, engine=self.engine)  # pyright: ignore
+        state = found_state(chain_arrays_of(chain, q, qd)) if state is None else state
+        tau, memory = self._asked(t, state, memory)
+        inputs, wrenches = self._constant or self._wrenches(self.environment.at(t, state)[1])
+        drives = np.zeros(len(qd))
+        drives[joint_rows(chain)] = tau - friction_torque(self._friction, state.qd) if self._friction.any() else tau
+        return Acting(state, ForestArguments(chain.as_forest.forest, q, qd, drives, wrenches), tau, memory, inputs)
+
+    def _asked(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
+        """Return the torques of the controller, and its memory."""
+        chain = self.environment.chain
+        tau, memory = torques_and_memory(self.controller(t, state, memory))
+        tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
+        if tau[self._passive].any():
+            require_passive(chain, tau)
+        return tau, memory
 
     @cached_property
     def _friction(self) -> Array:
         return joint_friction(self.environment.chain)
 
-    def _arguments(self, t: float, state: State, memory: Any) -> tuple[ForestArguments, Array, Any, Inputs]:
-        """Return the arguments of the forest at a time and state, the torques of the drives, the memory and inputs."""
-        chain = self.environment.chain
-        tau, memory = torques_and_memory(self.controller(t, state, memory))
-        tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
-        inputs = self.environment.at(t, state)[1]
+    @cached_property
+    def _passive(self) -> Array:
+        return ~driven_joints(self.environment.chain)
+
+    @cached_property
+    def _constant(self) -> tuple[Inputs, Array] | None:
+        """The inputs and the wrenches on the forest's bodies, if they are constant."""
+        given = self.environment.inputs
+        return self._wrenches(given) if isinstance(given, Inputs) else None
+
+    def _wrenches(self, inputs: Inputs) -> tuple[Inputs, Array]:
         require_wrenches(inputs, "of a chain that is answered as a forest")
-        given = mechanism_arguments(chain, state, tau, inputs)
-        net = given.tau.copy()
-        if self._friction.any():
-            net[joint_rows(chain)] -= friction_torque(self._friction, state.qd)
-        return given._replace(tau=net), tau, memory, inputs
+        chain = self.environment.chain
+        return inputs, body_wrenches(chain, shaped_inputs(chain, inputs))
 
 
 class MechanismSteppers:
@@ -199,6 +258,11 @@ class MechanismSteppers:
     def inverse(self, given: ForestArguments) -> InverseAt | None:
         """Return inverse dynamics by machine code, if there is some for the forest; see `inverse_code`."""
         return None if self._engine is None else self._engine.inverse(given)
+
+
+def _of_joints(chain: ClosedChain, at: MechanismMoment) -> tuple[Array, Array, Array]:
+    """Return coordinates, rates and accelerations of the joints, (n,) each."""
+    return joint_coordinates(chain, at.state.q), at.state.qd, at.accelerations[joint_rows(chain)]
 
 
 def _increment(scheme: Tableau, first: Array, h: float, slope: Slope) -> tuple[Array, list[Array]]:

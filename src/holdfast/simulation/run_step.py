@@ -17,6 +17,7 @@ from holdfast.simulation.contact_events import changes
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.mechanism_margins import MechanismSignals
 from holdfast.simulation.mechanism_stepper import MechanismStepper
 from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.segment import Segment, suited
@@ -41,6 +42,7 @@ from holdfast.simulation.verification import (
     verified_by_screening,
     verified_without_steps,
     verify,
+    without_events,
 )
 from holdfast.spatial.scalar import Array
 
@@ -331,9 +333,7 @@ def _screened(curves: MarginCurves, at: RunState, stepper: Stepper, times: list[
     watched = segment.signals.limited
     if not verified_by_screening(between, now.t, times, watched, tracker.beyond, tracker.lowest):
         return None
-    curves.margins.update(between.margins)
-    found, margins = between.table()
-    return StepMargins(found, margins, int(np.searchsorted(found, now.t)), between.advances[times[-1]])
+    return _verified(curves, between, at, between.advances[times[-1]])
 
 
 def _interpolated(curves: MarginCurves, at: RunState, stepper: Stepper, times: list[float]) -> StepMargins | None:
@@ -348,16 +348,27 @@ def _interpolated(curves: MarginCurves, at: RunState, stepper: Stepper, times: l
     except HoldfastError:
         return None
     segment, tracker, end = at.segment, at.checkpoint.tracker, curves.advances[times[-1]]
+    assert end.instant is not None and isinstance(segment.signals, MechanismSignals)
+    watched, known = segment.signals.limited, curves.margins
+    rough = stepper.margins_between(at.now, end.instant, times[:-1], segment.signals)
+    if rough is not None:
+        tried = replace(curves, margins=known | dict(zip(times, rough, strict=False)))
+        if without_events(*tried.table(), at.now.t, watched, tracker.beyond, tracker.lowest):
+            return _verified(curves, tried, at, end)
     inside = stepper.between(at.now, end.instant)
     before = inside if at.previous is None else stepper.between(at.previous, at.now)
 
     def reach(points: Sequence[float]) -> list[Advance]:
         return [Advance(t, (before if t < at.now.t else inside)(t), NO_GAPS, np.zeros(4)) for t in points]
 
-    between = MarginCurves(reach, segment.margins_of, dict(curves.margins), {})
-    watched = segment.signals.limited
+    between = MarginCurves(reach, segment.margins_of, dict(known), {})
     if not verified_without_steps(between, at.now.t, times, watched, tracker.beyond, tracker.lowest):
         return None
+    return _verified(curves, between, at, end)
+
+
+def _verified(curves: MarginCurves, between: MarginCurves, at: RunState, end: Advance) -> StepMargins:
+    """Return the margins of a step that are known without further steps, and enter them."""
     curves.margins.update(between.margins)
     found, margins = between.table()
     return StepMargins(found, margins, int(np.searchsorted(found, at.now.t)), end)

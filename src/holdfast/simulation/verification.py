@@ -182,10 +182,7 @@ def verified_without_steps(
     try:
         between.evaluate(times)
         found, margins = between.table()
-        m, negative = margins[found >= begin][:, watched], beyond[watched]
-        low, high = m.min(axis=0), m.max(axis=0)
-        doubt = DROPS * (high - low)
-        if np.where(negative, high + doubt >= 0.0, low - doubt < 0.0).any():
+        if _doubtful(margins[found >= begin][:, watched], beyond[watched]):
             return False
         _refine_minima(between, watched, lowest, TIME_OF_MINIMUM * (times[-1] - begin))
     except REFUSALS:
@@ -211,6 +208,29 @@ def verified_by_screening(
         return False
     found, margins = between.table()
     return not changes(margins[:, watched], beyond[watched])
+
+
+def without_events(times: Array, margins: Array, begin: float, watched: Array, beyond: Array, lowest: Array) -> bool:
+    """Return whether interpolated margins show that no violation may begin or end in a step, and no minimum to refine.
+
+    Args:
+        times: (k,) times, the first of which belongs to the previous step, if there is one.
+        margins: (k, signals) margins at these times.
+        begin: as for `verify`.
+        watched: as for `verify`.
+        beyond: as for `verified_without_steps`.
+        lowest: as for `verify`.
+    """
+    m = margins[:, watched]
+    least = np.minimum(lowest[watched], m.min(axis=0))
+    return not _doubtful(m[times >= begin], beyond[watched]) and not len(minima(m, least)[0])
+
+
+def _doubtful(m: Array, beyond: Array) -> bool:
+    """Return whether violations may begin or end in a step with interpolated margins (k, signals)."""
+    low, high = m.min(axis=0), m.max(axis=0)
+    doubt = DROPS * (high - low)
+    return bool(np.where(beyond, high + doubt >= 0.0, low - doubt < 0.0).any())
 
 
 def _evaluate_ends(curves: MarginCurves, begin: float, watched: Array) -> None:

@@ -224,16 +224,16 @@ def forest_positions(forest: Forest, q: ArrayLike) -> Array:
         StateError: the shape is wrong, or a quaternion is not of unit length.
     """
     found = np.array(checks.numbers(q, (forest.position_count,), "q", StateError))
-    for k, (body, part) in enumerate(zip(forest.bodies, forest.positions, strict=True)):
-        if body.joint.of_kind.pose:
-            at = slice(part.start, part.start + 4)
-            length = float(np.linalg.norm(found[at]))
-            if abs(length - 1.0) > checks.ROTATION_TOLERANCE:
-                name = f"{k} '{body.link.name}'" if body.link.name else str(k)
-                raise StateError(
-                    f"q of body {name}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
-                )
-            found[at] /= length
+    for at, _ in forest.quaternions:
+        length = float(np.linalg.norm(found[at]))
+        if abs(length - 1.0) > checks.ROTATION_TOLERANCE:
+            k = next(k for k, part in enumerate(forest.positions) if part.start == at.start < part.stop)
+            link = forest.bodies[k].link
+            name = f"{k} '{link.name}'" if link.name else str(k)
+            raise StateError(
+                f"q of body {name}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
+            )
+        found[at] /= length
     return found
 
 

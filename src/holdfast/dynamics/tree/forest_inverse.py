@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -108,7 +108,7 @@ def torques_for(given: ForestArguments, qdd: ArrayLike, near: Array, check: bool
     at = inverse_at(given)
     if check:
         at.require(given, wanted)
-    return driving_torques(forest, at.terms, at.loads(wanted), wanted_forces(forest, at.terms, near))
+    return driving_torques(forest, at, wanted, wanted_forces(forest, at.terms, near))
 
 
 class InverseTerms(NamedTuple):
@@ -141,11 +141,15 @@ class InverseAt(NamedTuple):
     Attributes:
         terms: what does not depend on accelerations.
         loads: returns M qdd + h, (n_v,), of accelerations qdd.
+        carrying: returns the `carrying_forces` of loads and wanted forces along the rows.
+        nearest: returns the `smallest_accelerations` of given ones and a mask.
         motion: the forest's motion without torques; None by machine code.
     """
 
     terms: InverseTerms
     loads: Callable[[Array], Array]
+    carrying: Callable[[Array, Array], CarryingForces]
+    nearest: Callable[[Array, Array], Array]
     motion: ForestMotion | None = None
 
     def require(self, given: ForestArguments, qdd: Array) -> None:
@@ -168,7 +172,9 @@ def inverse_at(given: ForestArguments) -> InverseAt:
     if (found := find and find(given)) is not None:
         return found
     motion = given._replace(tau=0.0 * given.tau).motion({})
-    return InverseAt(inverse_terms(motion), lambda qdd: loads_for(motion, qdd), motion)
+    terms = inverse_terms(motion)
+    carrying, nearest = partial(carrying_forces, given.forest, terms), partial(smallest_accelerations, terms)
+    return InverseAt(terms, partial(loads_for, motion), carrying, nearest, motion)
 
 
 def inverse_terms(motion: ForestMotion) -> InverseTerms:
@@ -191,20 +197,20 @@ def loads_for(motion: ForestMotion, qdd: Array) -> Array:
     return residual(motion, none)[: len(qdd)]
 
 
-def driving_torques(forest: Forest, terms: InverseTerms, loads: Array, asked: Array) -> ForestTorques:
+def driving_torques(forest: Forest, at: InverseAt, qdd: Array, asked: Array) -> ForestTorques:
     """Return the torques of the drives, with the forces closest to wanted ones that carry all passive parts. O(n^3).
 
     Args:
         forest: the forest.
-        terms: at its state.
-        loads: (n_v,) M qdd + h.
+        at: its inverse dynamics at its state.
+        qdd: (n_v,) accelerations.
         asked: (rows,) wanted forces along the rows.
 
     Raises:
         StateError: no forces can carry a passive part, or the numbers overflow.
     """
-    needed = checks.finite(loads, "inverse dynamics")
-    found = carrying_forces(forest, terms, needed, asked)
+    terms, needed = at.terms, checks.finite(at.loads(qdd), "inverse dynamics")
+    found = at.carrying(needed, asked)
     _require_carried(forest, needed, found.left)
     wrenches = wrenches_along(forest, terms, found.force[: len(terms.K)])
     return ForestTorques(np.where(driven(forest), found.left, 0.0), wrenches, found.force[len(terms.K) :])
@@ -226,7 +232,14 @@ class CarryingForces(NamedTuple):
 
 
 def carrying_forces(forest: Forest, terms: InverseTerms, needed: Array, asked: Array) -> CarryingForces:
-    """Return the forces closest to wanted ones that carry all passive parts; arguments as of `driving_torques`."""
+    """Return the forces closest to wanted ones that carry all passive parts.
+
+    Args:
+        forest: the forest.
+        terms: at its state.
+        needed: (n_v,) M qdd + h.
+        asked: (rows,) wanted forces along the rows.
+    """
     passive = np.flatnonzero(~driven(forest))
     load = _least(terms.E.T[passive], (needed - terms.G.T @ asked)[passive], terms.unit[passive])
     force = asked + back_substitution(terms.C, load)

@@ -101,6 +101,20 @@ class ForestEngine(Protocol):
         """Return what is recorded of an instant."""
         ...
 
+    def margins(self, x: Array, rates: Array, tau: Array, wrenches: Array) -> Array | None:
+        """Return the margins of the closures at several points, (points, closures), infinite without a limit [N].
+
+        Args:
+            x: (points, n_q) positions, whose quaternions need not be of unit length, and which are nearly closed.
+            rates: (points, n_q) dq/dt.
+            tau: (points, n_v) torques of drives.
+            wrenches: (bodies, 6) external wrenches.
+
+        Returns:
+            None if there is no faster way to find them than `instant` and `account`.
+        """
+        ...
+
 
 class ForestReference(NamedTuple):
     """The reference as the engine of a run."""
@@ -122,6 +136,10 @@ class ForestReference(NamedTuple):
         """See `ForestEngine`."""
         numbers = checks.finite(np.array(gaps_and_energies(given)), "the balance of the forest")
         return ForestAccount(now.closure_wrench, now.coupling_force, *numbers.tolist())
+
+    def margins(self, x: Array, rates: Array, tau: Array, wrenches: Array) -> Array | None:
+        """See `ForestEngine`."""
+        return None
 
 
 def gaps_and_energies(given: ForestArguments) -> tuple[Scalar, Scalar, Scalar, Scalar]:
@@ -207,17 +225,22 @@ def forest_step(
     x = np.concatenate([start.given.q, start.given.qd, np.zeros(4)])
 
     def slope(later: float, y: Array) -> Array:
+        _require_finite(y)
         q, qd = unit_quaternions(forest, (x + y)[:n_q]), (x + y)[n_q : n_q + n_v]
         if not start.now.unique:
             q, qd, _ = closed_near(engine, forest, q, qd)
         return _rates(engine.instant(acting(t + later, q, qd)))
 
     y, estimates = scheme(_rates(start.now), until - t, slope)
-    if not np.isfinite(y).all():
-        raise StateError("the step overflows float64; try a smaller time step")
+    _require_finite(y)
     moved = x + y
     q, qd, drift = closed_near(engine, forest, unit_quaternions(forest, moved[:n_q]), moved[n_q : n_q + n_v])
     return ForestStep(q, qd, y[n_q + n_v :], drift, estimates)
+
+
+def _require_finite(y: Array) -> None:
+    if not np.isfinite(y).all():
+        raise StateError("the step overflows float64; try a smaller time step")
 
 
 def _rates(now: ForestInstant) -> Array:

@@ -13,7 +13,6 @@ from holdfast.dynamics.tree.forest_inverse import (
     driving_torques,
     inverse_at,
     pushes,
-    smallest_accelerations,
     torques_for,
     wanted_forces,
 )
@@ -131,8 +130,8 @@ def mechanism_holding(
     of_base = np.zeros(6) if chain.floats else None
     moves = flat_rates(of_arms, np.zeros(alpha.shape, dtype=bool), of_base).astype(bool)
     wanted = flat_rates(np.zeros(n) if wished is None else wished, alpha, of_base)
-    wanted = smallest_accelerations(at.terms, wanted, moves)
+    wanted = at.nearest(wanted, moves)
     if check:
         at.require(given, wanted)
-    found = driving_torques(forest, at.terms, at.loads(wanted), asked)
+    found = driving_torques(forest, at, wanted, asked)
     return found.tau[joint_rows(chain)].copy()  # which a user may change

@@ -62,7 +62,7 @@ def mechanism_arguments(
     drives = np.zeros(forest.velocity_count)
     drives[joint_rows(chain)] = torque
     return ForestArguments(
-        forest, *flat_state(chain, state), drives, _wrenches(chain, given), *_moving_bases(chain, given)
+        forest, *flat_state(chain, state), drives, body_wrenches(chain, given), *_moving_bases(chain, given)
     )
 
 
@@ -134,17 +134,18 @@ def flat_rates(of_joints: Array, of_objects: Array, of_base: Array | None) -> Ar
 
 def chain_state(chain: ClosedChain, q: Array, qd: Array) -> State:
     """Return the state of a chain from positions and rates of its forest; see `flat_state`."""
+    return State(**chain_arrays_of(chain, q, qd))
+
+
+def chain_arrays_of(chain: ClosedChain, q: Array, qd: Array) -> dict[str, Array]:
+    """Return views of positions and rates of a chain's forest as the arrays of a `State`."""
     count, floats = len(chain.free_objects), chain.floats
     at_q, at_v = len(q) - 7 * count, len(qd) - 6 * count
     poses, twists = q[at_q:].reshape(-1, 7), qd[at_v:].reshape(-1, 6)
-    of_base = {"base_pose": q[:7], "base_twist": qd[:6]} if floats else {}
-    return State(
-        q[7 * floats : at_q],
-        qd[6 * floats : at_v],
-        poses[0] if count == 1 else poses,
-        twists[0] if count == 1 else twists,
-        **of_base,
-    )
+    found = {"q": q[7 * floats : at_q], "qd": qd[6 * floats : at_v]}
+    found |= {"base_pose": q[:7], "base_twist": qd[:6]} if floats else {}
+    one = count == 1
+    return found | {"object_pose": poses[0] if one else poses, "object_twist": twists[0] if one else twists}
 
 
 def require_passive(chain: ClosedChain, tau: Array) -> None:
@@ -169,8 +170,8 @@ def _of_objects(chain: ClosedChain) -> tuple[slice, tuple[int, ...]]:
     return slice(last - count, last), () if count == 1 else (count,)
 
 
-def _wrenches(chain: ClosedChain, given: Inputs) -> Array:
-    """Return the external wrenches on all bodies, (bodies, 6)."""
+def body_wrenches(chain: ClosedChain, given: Inputs) -> Array:
+    """Return the external wrenches on all bodies, (bodies, 6); `given` are shaped inputs."""
     found = chain.as_forest
     wrenches = np.zeros((len(found.forest.bodies), 6))
     if given.trunk_link_wrenches is not None:

@@ -138,35 +138,32 @@ def displaced(forest: Forest, q: Array, step: Array) -> Array:
 def unit_quaternions(forest: Forest, q: Array) -> Array:
     """Return positions with quaternions scaled to unit length."""
     found = q.copy()
-    for body, at in zip(forest.bodies, forest.positions, strict=True):
-        if body.joint.of_kind.pose:
-            turned = slice(at.start, at.start + 4)
-            found[turned] = rotation.normalised(q[turned])
+    for turned, _ in forest.quaternions:
+        found[turned] = rotation.normalised(q[turned])
     return found
 
 
 def position_rates(forest: Forest, q: Array, qd: Array) -> Array:
     """Return dq/dt, (n_q,), of which the part of a quaternion is half the product of the angular velocity with it."""
-    parts = []
-    for body, at_q, at_v in zip(forest.bodies, forest.positions, forest.velocities, strict=True):
-        rates = qd[at_v]
-        if body.joint.of_kind.pose:
-            turning = 0.5 * rotation.quaternion_product(concatenate([[0.0], rates[:3]]), q[at_q][:4])
-            rates = concatenate([turning, rates[3:]])
-        parts.append(rates)
-    return concatenate(parts)
+    parts, done = [], 0
+    for turned, turning in forest.quaternions:
+        parts += [
+            qd[done : turning.start],
+            0.5 * rotation.quaternion_product(concatenate([[0.0], qd[turning]]), q[turned]),
+        ]
+        done = turning.stop
+    return concatenate([*parts, qd[done:]])
 
 
 def rates_of_positions(forest: Forest, q: Array, rates: Array) -> Array:
     """Return qd, (n_v,), from dq/dt, (n_q,): the inverse of `position_rates`, also of quaternions of other lengths."""
-    parts = []
-    for body, at in zip(forest.bodies, forest.positions, strict=True):
-        own, turned = rates[at], q[at][:4]
-        if body.joint.of_kind.pose:
-            back = concatenate([turned[:1], -turned[1:]]) / (turned @ turned)
-            own = concatenate([2.0 * rotation.quaternion_product(own[:4], back)[1:], own[4:]])
-        parts.append(own)
-    return concatenate(parts)
+    parts, done = [], 0
+    for at, _ in forest.quaternions:
+        turned = q[at]
+        back = concatenate([turned[:1], -turned[1:]]) / (turned @ turned)
+        parts += [rates[done : at.start], 2.0 * rotation.quaternion_product(rates[at], back)[1:]]
+        done = at.stop
+    return concatenate([*parts, rates[done:]])
 
 
 def displacement(forest: Forest, before: Array, after: Array) -> Array:

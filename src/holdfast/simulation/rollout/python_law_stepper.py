@@ -23,6 +23,7 @@ from holdfast.model import checks
 from holdfast.questions.arrays import state_of
 from holdfast.simulation.environment import Environment, inputs_at, require_wrenches
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.interpolant import quadratic
 from holdfast.simulation.rollout.between_steps import ACCOUNTS
 from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, options_for, systems_at
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
@@ -296,6 +297,6 @@ def _at_points(values: Array, first: Array, lengths: Array, scheme: Tableau) -> 
     middle = [values[i] for i, node in enumerate(nodes[:-1]) if node == 0.5]
     half = sum(middle[1:], middle[0]) / len(middle) if middle else 0.5 * (first + end)
     u = (lengths / lengths[-1])[:, None, None] * nodes[:, None]
-    found = (1.0 - u) * (1.0 - 2.0 * u) * first + 4.0 * u * (1.0 - u) * half + u * (2.0 * u - 1.0) * end
+    found = quadratic(first, half, end, u)
     found[-1] = values
     return found
