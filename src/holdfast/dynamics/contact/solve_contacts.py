@@ -14,10 +14,11 @@ from holdfast.dynamics.contact.contact_forces import (
     contact_problem,
     found_forces,
 )
-from holdfast.dynamics.contact.contact_law import normal_first, unknown
+from holdfast.dynamics.contact.contact_law import ReducedContact, normal_first, unknown
 from holdfast.dynamics.contact.faceted_cones import faceted_forces
 from holdfast.dynamics.contact.gauss_seidel import swept_forces
 from holdfast.dynamics.contact.interior_path import CAUTIOUS, path_forces
+from holdfast.dynamics.contact.other_motions import all_motions, forces_with
 from holdfast.dynamics.contact.proximal_newton import polished
 from holdfast.dynamics.contact.solved_contacts import ContactSolution, ContactStatus
 from holdfast.dynamics.contact.uniqueness import (
@@ -136,8 +137,7 @@ def settled(problem: ContactProblem, forces: list[Array]) -> ContactSolution:
     active = active_rows(contacts, forces, np.array([normal_first(u) for u in found.velocity]), found.mode)
     freedoms = load_freedoms(active)
     if freedoms.null.shape[1]:
-        equal, off = polished(contacts, of_equal_compliances(active, freedoms, forces))
-        forces = equal if off <= RESOLVED else forces
+        forces = _smaller(contacts, active, freedoms, forces)
     if proven:
         return _solution(problem, forces, _of_loads(active), proven=True)
     others = sets or _other_solutions(problem, active, freedoms, forces)
@@ -148,6 +148,20 @@ def settled(problem: ContactProblem, forces: list[Array]) -> ContactSolution:
     return _solution(problem, forces, _of_loads(active))
 
 
+def _smaller(
+    contacts: list[ReducedContact], active: ActiveRows, freedoms: LoadFreedoms, forces: list[Array]
+) -> list[Array]:
+    """Return the forces of equal compliances, or else small ones of the same motion, if these satisfy the laws."""
+    rigid = all(c.compliance == 0.0 for c in contacts)
+    small = forces_with(contacts, unknown(contacts, forces)) if rigid else None
+    for chosen in (of_equal_compliances(active, freedoms, forces), small):
+        if chosen is not None:
+            lawful, off = polished(contacts, chosen)
+            if off <= RESOLVED:
+                return lawful
+    return forces
+
+
 def _of_loads(active: ActiveRows) -> ContactStatus:
     return ContactStatus.OK if unique_forces(active) else ContactStatus.INDETERMINATE_FORCES
 
@@ -155,9 +169,9 @@ def _of_loads(active: ActiveRows) -> ContactStatus:
 def _other_solutions(
     problem: ContactProblem, active: ActiveRows, freedoms: LoadFreedoms, forces: list[Array]
 ) -> list[list[Array]]:
-    """Return further forces that satisfy the laws: along the free loads, and from a start without forces."""
+    """Return further forces that satisfy the laws: along the free loads, and of other modes."""
     contacts = problem.contacts
-    starts = [[0.0 * x for x in forces]]
+    starts = list(all_motions(contacts))
     for direction in freedoms.moving.T:
         for change in (direction, -direction):
             most = largest_load(active, contacts, forces, change)
