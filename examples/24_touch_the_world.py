@@ -22,8 +22,7 @@ PRESS, STIFFNESS, DAMPING, INTEGRAL = 20.0, 400.0, 80.0, 30.0
 def run_of(body: Any, touching: Touching, at: Any, wrench: Any, duration: float, step: float, **how: Any) -> Any:
     """Return the run of a free body with an external wrench."""
     chain, start = hf.ClosedChain({}, body, {}, touching=touching), hf.State([], [], hf.Pose.translation(*at))
-    law = lambda t, state, memory: (np.zeros(0), memory)  # noqa: E731
-    return hf.simulate(chain, start, law, duration, step, inputs=wrench, **how)
+    return hf.simulate(chain, start, None, duration, step, inputs=wrench, **how)
 
 
 def pushed() -> Any:

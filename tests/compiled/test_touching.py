@@ -127,8 +127,6 @@ def test_refusals():
         compiled.forward_dynamics.vjp(*arguments(state, tau), qdd=np.ones(14))
     with pytest.raises(MethodNotApplicable, match="distribute"):
         compiled.distribute  # noqa: B018
-    with pytest.raises(MethodNotApplicable, match="at least one arm"):
-        hf.compile(hf.ClosedChain({}, chain.held_object, {}, touching=chain.touching))
     free = compiled.inverse_dynamics(state.q, state.qd, np.zeros(14), np.zeros((2, 6)))
     assert np.array_equal(free[0], hf.compile(two_pandas()[0]).inverse_dynamics(
         state.q, state.qd, np.zeros(14), np.zeros((2, 6)))[0])  # fmt: skip
@@ -163,3 +161,26 @@ def test_c_has_the_same_bits(tmp_path):
     assert not found["returned"].any()
     for name in ARRAYS:
         assert np.array_equal(found[name], true.array(name)), name
+
+
+@pytest.mark.parametrize("touching", [False, True])
+def test_a_free_object(touching):
+    """Without arms: one system, a batch and the reference agree, and a run by steps takes whole steps of it."""
+    box = hf.HeldObject.box(2.0, 0.3, 0.2, 0.1)
+    floor = Touching(corners(0.3, 0.2, 0.1), {"floor": HalfSpace(friction=0.5)}) if touching else None
+    chain = hf.ClosedChain({}, box, {}, touching=floor)
+    state = hf.State([], [], hf.Pose.translation(0, 0, 0.05), [0.0, 0.0, 0.0, 0.4, 0.1, 0.0])
+    expected = hf.forward_dynamics(chain, state, []).object_acceleration
+    forward = hf.compile(chain).forward_dynamics
+    given = state.q, state.qd, np.zeros(0), state.object_pose, state.object_twist
+    np.testing.assert_allclose(forward(*given).object_acceleration, expected, atol=1e-9)
+    many = forward(*(np.tile(x, (3, 1)) for x in given))
+    np.testing.assert_array_equal(many.object_acceleration, np.tile(forward(*given).object_acceleration, (3, 1)))
+    if touching:
+        runs = [hf.simulate(chain, state, law, 0.1, 1e-3, contacts="steps") for law in (None, held_by_nothing)]
+        np.testing.assert_allclose(runs[0].object_pose, runs[1].object_pose, atol=1e-9)
+
+
+def held_by_nothing(t, state, memory):
+    """Return the torques of no joint, in Python."""
+    return np.zeros(0), memory

@@ -295,5 +295,18 @@ def held_torques(joint_count: int) -> ControlLaw:
     return ControlLaw(_held, parameters={"tau": (joint_count,)}, key="held")
 
 
+def controller_of(joint_count: int, given: Controller | ControlLaw | None) -> Controller | ControlLaw:
+    """Return the controller of a run; without joints, None stands for the law without torques.
+
+    Raises:
+        ModelError: it is not a function of three arguments.
+    """
+    if given is None and not joint_count:
+        return ControlLaw(lambda t, state, memory, given: (np.zeros(0), memory), key="none")
+    require_controller(given)
+    assert given is not None
+    return given
+
+
 def _held(t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
     return given["tau"], memory

@@ -56,13 +56,11 @@ def without_contacts(chain: Any, what: str) -> None:
 
 
 def require_machine_code(chain: Any, what: str) -> None:
-    """Refuse a chain without arms or with shapes that cannot be traced, of which there is no machine code.
+    """Refuse a chain with shapes that cannot be traced, of which there is no machine code.
 
     Raises:
         MethodNotApplicable: it is such a chain.
     """
-    if not getattr(chain, "arms", True):
-        raise MethodNotApplicable(f"{what}: expected at least one arm; a free object is answered without machine code")
     touching = getattr(chain, "touching", None)
     if touching is not None and touching.without_machine_code:
         raise MethodNotApplicable(

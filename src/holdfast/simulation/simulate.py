@@ -19,10 +19,10 @@ from holdfast.control.controller import (
     ControlLaw,
     Controller,
     GivenLaw,
+    controller_of,
     given_law,
     known_breakpoints,
     machine_code,
-    require_controller,
 )
 from holdfast.control.traced_law import require_function
 from holdfast.dynamics.tree.forest_inverse import inverse_code
@@ -64,7 +64,7 @@ CALLS_WORTH_COMPILING = 250  # evaluations: compiling a law takes as long as abo
 def simulate(
     chain: ClosedChain,
     state: State,
-    controller: Controller | ControlLaw,
+    controller: Controller | ControlLaw | None,
     duration: float,
     step: float,
     *,
@@ -112,7 +112,8 @@ def simulate(
         state: initial state, which must satisfy the grasps.
         controller: function (t, state, memory) -> (torques (n,), memory); the memory is None in the first call. The
             optional attribute `breakpoints` lists the times at which its torques jump. The optional method
-            `for_chain(chain)` returns the controller to use after a grasp has closed or opened.
+            `for_chain(chain)` returns the controller to use after a grasp has closed or opened. None for a chain
+            without joints.
         duration: duration of the run [s].
         step: step h [s]; the last step is shorter if h does not divide the duration. An adaptive scheme takes shorter
             steps if necessary, none of them across a multiple of h. Every step ends with a sample.
@@ -184,7 +185,7 @@ def simulate(
     else:
         serial_chain(chain, "simulation: chain")
     checks.instance(state, State, "simulation: state", StateError)
-    require_controller(controller)
+    driver = controller_of(chain.joint_count, controller)
     checks.name(name, "simulation: name")
     named = scheme_named(scheme)
     if on_slip == SLIDE:
@@ -198,10 +199,10 @@ def simulate(
         raise ModelError(f"simulation: breakpoints: expected times, got {checks.short(breakpoints)}")
     jumps = checks.vector([*breakpoints], "simulation: breakpoints").tolist()
     happening = [one.t for one in ordered]
-    controller, sample_time, delay = at_samples(controller, sample_time, delay)
+    driver, sample_time, delay = at_samples(driver, sample_time, delay)
     hold = zero_order_hold(sample_time, delay, float(grid[-1]), [*jumps, *happening])
     if hold is None:
-        ends = stops(grid, [*jumps, *known_breakpoints(controller)], happening, ALIKE * step)
+        ends = stops(grid, [*jumps, *known_breakpoints(driver)], happening, ALIKE * step)
     else:
         ends = stops(grid, [*jumps, *hold.jumps], happening, ALIKE * step, hold.asked.tolist())
     environment = Environment(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
@@ -214,8 +215,8 @@ def simulate(
         require_memory(len(grid), wanted.every)
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)
     if policy.on_limit == "clip":
-        controller = clipped(controller, chain)
-    acting = given_law(controller, parameters)
+        driver = clipped(driver, chain)
+    acting = given_law(driver, parameters)
     if isinstance(acting, GivenLaw) and not forest:
         require_function(acting.law, chain)
     if forest:
@@ -229,7 +230,7 @@ def simulate(
     verified = EVALUATIONS if joint_limits(chain).limited.any() else 1
     calls = 0 if forest or chain.touching is not None else len(ends.times) * (1 if hold else len(named.c) * verified)
     options = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
-    called = getattr(controller, "__qualname__", type(controller).__qualname__)
+    called = getattr(driver, "__qualname__", type(driver).__qualname__)
     options |= {} if chain.touching is None else {"contacts": contacts or EVENTS_WAY}
     options |= {"atol": atol, "largest_drift": limit, "controller": called}
     options |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}

@@ -57,5 +57,8 @@ def test_which_chains():
         assert isinstance(made[-1], StagewiseContactStepper)
         free = hf.ClosedChain({}, chain.held_object, {}, touching=chain.touching)
         alone = hf.State(np.zeros(0), np.zeros(0), state.object_pose, np.zeros(6))
-        hf.simulate(free, alone, lambda t, state, memory: (np.zeros(0), memory), 0.002, 0.002)
+        hf.simulate(free, alone, None, 0.002, 0.002)
+        assert isinstance(made[-1], StagewiseContactStepper)
+        still = lambda t: (chain.arms["left"].base, np.zeros(6), np.zeros(6))  # noqa: E731
+        hf.simulate(chain, state, law, 0.002, 0.002, base_motion={"left": still})
         assert not isinstance(made[-1], StagewiseContactStepper)

@@ -11,7 +11,6 @@ from holdfast.simulation import RolloutStatus
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.rollout import contact_steps
 from holdfast.simulation.rollout.compiled_impulses import CompiledImpulseStepper
-from holdfast.world import HalfSpace, Touching
 from tests.simulation.contacts.test_machine_code import lowering
 
 STEP, STEPS = 1e-3, 60
@@ -138,6 +137,3 @@ def test_what_is_refused():
         hf.compile_rollout(chain, scheme="rk4")
     with pytest.raises(MethodNotApplicable, match="tape: expected a chain without touching"):
         rollout().tape(started(1), STEP, steps=3)
-    free = hf.ClosedChain({}, chain.held_object, {}, touching=Touching({"a": [0, 0, 0]}, {"table": HalfSpace()}))
-    with pytest.raises(MethodNotApplicable, match="at least one arm"):
-        hf.compile_rollout(free)

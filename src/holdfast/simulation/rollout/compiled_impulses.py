@@ -102,7 +102,7 @@ def impulse_stepper_for(
     chain, of = environment.chain, (environment, controller, generic_rank, scheme, tolerance, modes)
     law, touching = law_of(controller, chain), chain.touching
     stands = not environment.base_motion and not unsteady(environment.inputs)
-    machine = touching is not None and not touching.without_machine_code and bool(chain.arms) and not modes.hands
+    machine = touching is not None and not touching.without_machine_code and not modes.hands
     if law is None or not (stands and machine) or steps < STEPS_WORTH_COMPILING:
         return ImpulseStepper(*of)
     options = replace(options_for(environment), contacts=WHOLE_PATH)

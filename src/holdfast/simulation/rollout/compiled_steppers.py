@@ -330,8 +330,7 @@ def stepper_for(
     acting = _acting_at_first(environment)
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
     chain = environment.chain
-    without_code = not chain.arms or chain.touching is not None  # machine code has neither
-    if without_code or (few and not scheme.adaptive):
+    if chain.touching is not None or (few and not scheme.adaptive):
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
     law, values = law_of(controller, chain), getattr(controller, "values", {})
     motions, constant = environment.base_motion.values(), isinstance(environment.inputs, Inputs)

@@ -88,10 +88,9 @@ class CompiledResponses(RestResponses):
         of = self._closure
         for name in ("q", "qd", "object_pose", "object_twist"):
             of.arrays[name][...] = getattr(state, name)
-        found = of().values()
-        return Gap(
-            *(max(float(np.abs(x).max(initial=0.0)) for x in of_grasps) for of_grasps in zip(*found, strict=True))
-        )
+        found = [*of().values()]
+        position, velocity = ([float(np.abs(one[k]).max(initial=0.0)) for one in found] for k in (0, 1))
+        return Gap(max(position, default=0.0), max(velocity, default=0.0))
 
     def mobility(self, state: State, positions: bool = False) -> Array:
         """Return the object's mobility (6, 6)."""
@@ -255,7 +254,8 @@ class ContactSteppers:
         Machine code takes chains whose grasps are independent, that stand still, and in which nothing is elastic.
         """
         of = environment, controller, generic_rank, scheme, tolerance
-        if modes.hands or generic_rank != environment.chain.constraint_row_count or not _in_machine_code(environment, scheme):
+        independent = generic_rank == environment.chain.constraint_row_count
+        if modes.hands or not independent or not _in_machine_code(environment, scheme):
             return ContactStepper(*of, modes)
         last = self._last
         if last is not None and all(x is y for x, y in zip(of, (getattr(last, name) for name in _SHARED), strict=True)):
@@ -278,7 +278,6 @@ def _in_machine_code(environment: Environment, scheme: Tableau) -> bool:
     left_out = (
         chain.touching is None
         or chain.touching.without_machine_code
-        or not chain.arms
         or chain.floats
         or elastic
         or scheme.implicit
