@@ -8,7 +8,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the library, which Python is to compile once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo style test test-slow test-portable acceptance fuzz million lint stubs counts capabilities bench registers drift distributions pictures robots docs clean
+.PHONY: demo style test test-slow test-portable acceptance fuzz million lint stubs counts capabilities bench registers drift contacts distributions pictures robots docs clean
 
 demo: $(VENV)/.demo
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -89,6 +89,10 @@ registers: $(VENV)/.dev
 # Closure error against time, beside Pinocchio and MuJoCo, into docs/drift.md (minutes).
 drift: $(VENV)/.bench
 	$(BIN)/python benchmarks/drift_figure.py
+
+# Contacts beside MuJoCo and, if it is installed, Drake, into docs/how_to/contact.md (minutes).
+contacts: $(VENV)/.bench
+	$(BIN)/python benchmarks/contact_figure.py --write docs/how_to/contact.md
 
 # Real robots for the long checks, from wheels on PyPI (some 600 MB pass through; URDF files stay, and MJCF files with their meshes).
 robots: $(VENV)/.dev

@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.simulation.summary import summarise
 from holdfast.view.chain_scene import ChainScene, drawn_object
 from holdfast.view.live import readout
 from holdfast.view.markers import common_scale
 from holdfast.view.page import panel_data
 from holdfast.view.playback import playback_of_run
+from holdfast.view.plots import figures
 from holdfast.view.scene_writer import SceneWriter, viewer_server
+from holdfast.view.summary_table import rows
 from holdfast.view.world_drawing import placed_mesh, solids_of, touching_points
 from holdfast.world import (
     Ball,
@@ -70,6 +73,12 @@ def test_a_run_without_arms():
     assert [plot["title"] for plot in shown["plots"]] == ["force of the world on the object [N]"]
     assert [curve["label"] for curve in shown["plots"][0]["curves"]] == ["floor"]
     assert shown["notes"][0].startswith("Dark grey arrows are forces of the world on the object (0.1")
+    drawn = figures(chain, run)
+    assert list(drawn) == ["world_forces", "closure_and_energy"]
+    force, gap = drawn["world_forces"].axes
+    np.testing.assert_allclose(force.lines[2].get_ydata()[-1], 19.62, atol=1e-9)
+    assert force.get_title() == "floor" and len(gap.lines) == 1
+    assert "worst condition of the grasps" not in dict(rows(summarise(chain, run)))
     assert not shown["meters"] and not shown["bars"]  # no grasps, whose condition would say something
     assert "grasps" not in readout(playback, 0) and "t = 0.000 s" in readout(playback, 0)
     with viewer_server() as server:

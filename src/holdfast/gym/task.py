@@ -319,7 +319,7 @@ def two_hands() -> tuple[ClosedChain, State]:
 def over_a_table() -> tuple[ClosedChain, State]:
     """Return two arms with rigid grasps of a 1 kg box, 5 cm above a table that its lower corners may touch."""
     chain, state = two_hands()
-    below = {name: p for name, p in corners(0.3, 0.1, 0.1).items() if p[2] < 0.0}
+    below = {name: p for name, p in corners(0.3, 0.1, 0.1).items() if np.asarray(p)[2] < 0.0}
     table = HalfSpace(offset=float(state.object_frame.p[2]) - 0.1, friction=0.5)
     return replace(chain, touching=Touching(below, {"table": table})), state
 

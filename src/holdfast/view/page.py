@@ -20,6 +20,7 @@ from holdfast.view.figure_style import BLACK, NOISE, TRUNK_COLOUR, part_colour, 
 from holdfast.view.markers import ArrowScale, common_scale
 from holdfast.view.playback import FRAME_RATE, Playback, base_travel, torque_shares
 from holdfast.view.scene_writer import SceneWriter, viewer_server
+from holdfast.view.world_figure import shapes_touched
 
 
 def export_page(playback: Playback | Sequence[Playback], path: str | PathLike[str]) -> None:
@@ -202,8 +203,7 @@ def _of_world(playback: Playback) -> list[dict[str, Any]]:
     touching, force = playback.chain.touching, playback.touch_force
     if touching is None or force is None:
         return []
-    shapes = np.array([name.rpartition("/")[2] for name in touching.names])
-    own = [(name, force[:, shapes == name].sum(axis=1)) for name in dict.fromkeys(shapes.tolist())]
+    own = [(name, force[:, rows].sum(axis=1)) for name, rows in shapes_touched(touching).items()]
     return [_curve(name, BLACK, np.linalg.norm(net, axis=1), dashed=k % 2 == 1) for k, (name, net) in enumerate(own)]
 
 

@@ -18,6 +18,7 @@ from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style as style
 from holdfast.view.playback import base_travel
+from holdfast.view.world_figure import world_forces_figure
 
 POINTS = 300  # as many as the width of a figure can show
 SMALLEST_GAP = 1e-18  # where a logarithmic axis shows a gap of 0
@@ -29,16 +30,19 @@ BEYOND = 1e9  # N: further than any axis goes
 def figures(chain: ClosedChain, run: Trajectory) -> dict[str, Any]:
     """Return the figures that have something to show, by name.
 
-    Margins need a grasp with a limit, load shares two arms that hold the object, and each its recorded arrays.
+    Margins need a grasp with a limit, load shares two arms that hold the object, forces of the world an object that
+    touches it, and each its recorded arrays.
 
     Raises:
         MissingExtra: matplotlib is not installed.
     """
+    touching: Any = chain.touching
     choices: dict[str, tuple[Callable[[], Any], Callable[[], Any]]] = {
         "grasp_wrenches": (lambda: run.holding.any(), lambda: grasp_wrench_figure(chain, run)),
         "friction_margins": (lambda: np.isfinite(run.margin).any(), lambda: friction_margin_figure(chain, run)),
         "base_motion": (lambda: chain.floats, lambda: base_motion_figure(run)),
-        "joint_torques": (lambda: True, lambda: joint_torque_figure(chain, run)),
+        "world_forces": (lambda: touching and run.touch_force.any(), lambda: world_forces_figure(touching, run)),
+        "joint_torques": (lambda: chain.joint_count, lambda: joint_torque_figure(chain, run)),
         "load_share": (lambda: run.holding.any(axis=0).sum() > 1, lambda: load_share_figure(chain, run)),
         "closure_and_energy": (lambda: True, lambda: closure_and_energy_figure(run)),
     }

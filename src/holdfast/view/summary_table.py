@@ -46,7 +46,8 @@ def rows(summary: Summary) -> list[tuple[str, str]]:
         lines.append((f"peak grasp wrench, {name}", f"{force:.4g} N, {summary.peak_moment[name]:.3g} N m{inner}"))
     lines += [(f"spin about the normal, {name}", f"{spin:.3g} rad") for name, spin in summary.spin.items()]
     lines += _margins(summary)
-    lines.append(("worst condition of the grasps", f"{summary.worst_condition:.3g}"))
+    if summary.peak_force:  # something has held the object
+        lines.append(("worst condition of the grasps", f"{summary.worst_condition:.3g}"))
     if summary.torque_use is not None:
         share, joint = summary.torque_use
         lines.append(("largest torque", f"{100 * share:.0f} % of the limit of {joint}"))

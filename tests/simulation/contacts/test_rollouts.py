@@ -58,6 +58,9 @@ def test_as_simulate():
     assert np.abs(again.imbalance - run.imbalance).max() < 1e-9
     assert np.abs(again.momentum_imbalance - run.momentum_imbalance).max() < 1e-6
     assert again.position_gap.max() < 1e-9
+    closed = again.touch_mode > 0
+    assert again.touch_margin[closed].min() > -1e-6 and np.isinf(again.touch_margin[~closed]).all()
+    assert again.touch_status[-1] == 1  # four corners share the load
 
 
 def test_simulate_by_machine_code():
