@@ -101,7 +101,7 @@ def inverse_by_machine_code(c: Case) -> Any:
     motion |= {FLOATING_RESULT: found.base_acceleration} if c.chain.floats else {}
     del x["tau"]
     if not c.chain.beyond_serial:
-        return made(**x, **{"qdd": found.qdd, "grasp_wrench": found.grasp_wrench})
+        return made(**x, qdd=found.qdd, grasp_wrench=found.grasp_wrench)
     return made(**x, **motion, grasp_wrench=found.grasp_wrench).tau
 
 
