@@ -103,9 +103,10 @@ def test_refusals_are_those_of_the_reference():
         assert "overflow" in run.stopped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_inverse(seed):
-    """Inverse dynamics by machine code: the terms and loads of the reference."""
+    """Inverse dynamics by machine code: the terms, loads, forces and nearest accelerations of the reference."""
     p = random_forest(seed)
     given = ForestArguments(p.forest, p.q, p.qd, p.tau, p.wrenches)
     coded, reference = CompiledForestEngine(p.forest).inverse(given), inverse_at(given)
