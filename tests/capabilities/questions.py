@@ -96,13 +96,14 @@ def by_machine_code(c: Case) -> Any:
 
 def inverse_by_machine_code(c: Case) -> Any:
     """Return the torques of a batch for the accelerations and wrenches that forward dynamics finds."""
-    found, made, x = c.solved(), compiled(c).inverse_dynamics, as_batch(c)
-    motion = {"qdd": found.qdd, "object_acceleration": found.object_acceleration}
-    motion |= {FLOATING_RESULT: found.base_acceleration} if c.chain.floats else {}
-    del x["tau"]
-    if not c.chain.beyond_serial:
-        return made(**x, qdd=found.qdd, grasp_wrench=found.grasp_wrench)
-    return made(**x, **motion, grasp_wrench=found.grasp_wrench).tau
+    found, made = c.solved(), compiled(c).inverse_dynamics
+    given = {name: x for name, x in as_batch(c).items() if name != "tau"}
+    given |= {"qdd": found.qdd, "grasp_wrench": found.grasp_wrench}
+    given |= {FLOATING_RESULT: found.base_acceleration} if c.chain.floats else {}
+    if not c.chain.beyond_serial:  # the wrenches say what the object does, and only springs are fixed to it
+        kept = {"object_pose", "object_twist"} if c.chain.springs or c.chain.bushings else set()
+        return made(**{name: x for name, x in given.items() if not name.startswith("object_") or name in kept})
+    return made(**given, object_acceleration=found.object_acceleration).tau
 
 
 def gradients_by_machine_code(c: Case) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,12 @@ from holdfast.compiled.forest_engine import CompiledForestEngine
 from holdfast.dynamics.tree.forest_closing import forest_close
 from holdfast.dynamics.tree.forest_inverse import inverse_at
 from holdfast.dynamics.tree.forest_projection import closing_round
-from holdfast.dynamics.tree.forest_simulate import ForestReference, forest_steps
-from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced
+from holdfast.dynamics.tree.forest_simulate import ForestReference, closed_near, forest_steps
+from holdfast.dynamics.tree.mechanism_terms import chain_state, flat_state, mechanism_arguments
+from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced, position_rates
+from holdfast.forces.margins import margin_of_row
+from holdfast.forces.row_wrenches import contact_wrenches
+from holdfast.model.grasp_rows import grasp_rows
 from tests.dynamics.tree.as_branched import gap
 from tests.longer import mostly_long, mostly_slow
 from tests.systems.branched import branched_problems, palletiser, two_arms_with_grippers
@@ -97,9 +103,10 @@ def test_refusals_are_those_of_the_reference():
         assert "overflow" in run.stopped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_inverse(seed):
-    """Inverse dynamics by machine code: the terms and loads of the reference."""
+    """Inverse dynamics by machine code: the terms, loads, forces and nearest accelerations of the reference."""
     p = random_forest(seed)
     given = ForestArguments(p.forest, p.q, p.qd, p.tau, p.wrenches)
     coded, reference = CompiledForestEngine(p.forest).inverse(given), inverse_at(given)
@@ -108,5 +115,49 @@ def test_inverse(seed):
         assert gap(ours, theirs) < 1e-12
     qdd = np.random.default_rng(seed).normal(size=len(p.qd))
     assert gap(coded.loads(qdd), reference.loads(qdd)) < 1e-12
+    rows = len(reference.terms.G)
+    asked = np.random.default_rng(seed + 100).normal(size=rows)
+    ours, theirs = (of.carrying(reference.loads(qdd), asked) for of in (coded, reference))
+    for a, b in zip(ours, theirs, strict=True):
+        assert gap(a, b) < 1e-9
+    free = np.arange(len(qdd)) % 3 > 0
+    for few in (free, ~free):  # many joints satisfy the rows, a few come as close as they can
+        assert gap(coded.nearest(qdd, few), reference.nearest(qdd, few)) < 1e-9
     other = random_forest(seed + 1).forest
     assert CompiledForestEngine(other).inverse(given) is None
+
+
+def with_limits(name):
+    """Return a branched problem whose closures have limits."""
+    p = branched_problems()[name]
+    limits = hf.WrenchLimits(force=50.0, moment=8.0)
+    if name == "palletiser":  # a loop
+        arm = p.chain.arms["robot"]
+        pin = replace(arm.loops["level"], grasp=replace(arm.loops["level"].grasp, wrench_limits=limits))
+        return replace(p.chain, arms={"robot": replace(arm, loops={"level": pin})}), p
+    grasps = {key: replace(grasp, wrench_limits=limits) for key, grasp in p.chain.grasps.items()}
+    return replace(p.chain, grasps=grasps), p
+
+
+@pytest.mark.parametrize("name", ["palletiser", *mostly_slow(["grippers"], ())])
+def test_margins(name):
+    """Margins of several points are those of the reference's forces, the smallest where these are not unique."""
+    chain, p = with_limits(name)
+    forest, rows = chain.as_forest.forest, dict(enumerate(grasp_rows(chain)))
+    q, qd = flat_state(chain, p.state)
+    drives = mechanism_arguments(chain, p.state, p.tau)
+    engine, reference = CompiledForestEngine(forest), ForestReference(forest)
+    engine.instant(drives)
+    places = [closed_near(reference, forest, displaced(forest, q, s * qd), qd)[:2] for s in (0.0, 1e-3, 2e-3)]
+    x = np.array([at for at, _ in places])
+    for at, _ in forest.quaternions:
+        x[:, at] *= 2.0  # of any length
+    rates = np.array([position_rates(forest, at, rate) for at, (_, rate) in zip(x, places, strict=True)])
+    found = engine.margins(x, rates, np.tile(drives.tau, (3, 1)), drives.wrenches)
+    for ours, (at, rate) in zip(found, places, strict=True):
+        given = drives._replace(q=at, qd=rate)
+        forces = reference.account(given, reference.instant(given)).closure_wrench
+        wrenches = contact_wrenches(chain, chain_state(chain, at, rate), forces, rows)
+        assert gap(ours, [margin_of_row(rows[i], f) for i, f in wrenches.items()]) < 1e-9
+    engine.rank -= 1
+    assert engine.margins(x, rates, np.tile(drives.tau, (3, 1)), drives.wrenches) is None

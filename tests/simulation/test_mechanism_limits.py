@@ -182,6 +182,26 @@ def test_a_loop_that_gives_way():
         hf.simulate(limited, state, constant(tau), 0.02, 2e-3, on_slip="release")
 
 
+def test_a_function_is_called_at_stages():
+    """Margins are looked at in eighths of every step, of joints and loops, with four calls of a function a step."""
+    chain, state, tau = palletiser()
+    arm = chain.arms["robot"]
+    weak = replace(arm.loops["level"].grasp, wrench_limits=hf.WrenchLimits(force=1e4))
+    limited = replace(arm, loops={"level": replace(arm.loops["level"], grasp=weak)})
+    limited = replace(limited, joints=[replace(one, rate_limit=50.0) for one in arm.joints])
+    calls, steps = [], 50
+
+    def law(t, at, memory):
+        calls.append(t)
+        return tau * (1.0 + np.sin(100.0 * t)), memory
+
+    run = hf.simulate(replace(chain, arms={"robot": limited}), state, law, steps * 1e-3, 1e-3)
+    assert run.stopped is None and not run.occurrences
+    assert len(calls) < 4 * steps + 40  # a few more to refine the lowest margins
+    inside = run.lowest_margin_time[1:, 0] - run.t[:-1]
+    assert ((inside > 1e-6) & (inside < 1e-3 - 1e-6)).any()
+
+
 @pytest.mark.slow
 def test_release_at_a_slip():
     """A grasp that slips opens if it is to be released, velocities stay, and the run goes on without it."""

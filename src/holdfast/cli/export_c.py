@@ -88,9 +88,9 @@ def export_c(
 def _those_there_are(scenario: Scenario, compiled: Any, scheme: str) -> list[str]:
     """Return the functions of `BY_DEFAULT` that can be exported; print on stderr why others cannot."""
     if not isinstance(compiled, CompiledChain):
-        first, *others = BY_DEFAULT
+        there, others = BY_DEFAULT[:2], BY_DEFAULT[2:]
         say(f"note: without {', '.join(others)}: chains that are answered as forests have no machine code of them")
-        return [first]
+        return [*there]
     found = []
     for one in BY_DEFAULT:
         try:

@@ -13,7 +13,7 @@ from holdfast.compiled.derivative_schedule import WITH
 from holdfast.compiled.derivatives import CompiledDerivatives
 from holdfast.compiled.forest_function import ForestFunction
 from holdfast.compiled.forest_request import OF_CLOSURES, ForestRequest, require_unique
-from holdfast.compiled.forest_terms import CompiledForestResult, CompiledMechanismResult
+from holdfast.compiled.forest_terms import CompiledForestResult, CompiledMechanismResult, of_objects
 from holdfast.compiled.function import Function
 from holdfast.compiled.result import INDETERMINATE
 from holdfast.errors import StateError
@@ -306,8 +306,5 @@ class MechanismForward(ForwardFunction):
         self, q: Any, qd: Any, tau: Any, object_pose: Any = None, object_twist: Any = None, **further: Any
     ) -> dict[str, Any]:
         """Return the arrays of a call by name; for arguments see a call."""
-        own = {"object_pose": object_pose, "object_twist": object_twist}
-        none = np.zeros((0, 7)), np.zeros((0, 6))
-        if not self.function.chain.free_objects:
-            own = {k: empty if x is None else x for (k, x), empty in zip(own.items(), none, strict=True)}
+        own = of_objects(self.function.chain, object_pose=object_pose, object_twist=object_twist)
         return {"q": q, "qd": qd, "tau": tau, **own, **further}

@@ -12,7 +12,7 @@ from holdfast.compiled.bound import BoundFunction
 from holdfast.compiled.derivative_schedule import DerivativeKind
 from holdfast.compiled.forest_function import ForestFunction
 from holdfast.compiled.forest_schedule import unit_positions, with_constants
-from holdfast.compiled.forest_terms import ForestTerms, chain_arrays, forest_result_shapes
+from holdfast.compiled.forest_terms import ForestTerms, chain_arrays, forest_result_shapes, of_objects
 from holdfast.compiled.function import Function, NotCompiledError
 from holdfast.compiled.result import INVALID, OK, StatusResults
 from holdfast.compiled.traced_chain import Given
@@ -294,9 +294,6 @@ class MechanismInverse(_Inverse):
                 a single system can carry a passive part.
         """
         own = {"object_pose": object_pose, "object_twist": object_twist, "object_acceleration": object_acceleration}
-        if not self.function.chain.free_objects:
-            own = {
-                name: np.zeros((0, 7 if name == "object_pose" else 6)) if x is None else x for name, x in own.items()
-            }
+        own = of_objects(self.function.chain, **own)
         given = {"q": q, "qd": qd, "qdd": qdd, **own, WANTED: grasp_wrench, **further}
         return self.function(given, out, threads)

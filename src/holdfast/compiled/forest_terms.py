@@ -191,6 +191,13 @@ def chain_arrays(chain: ClosedChain, parameters: Sequence[str]) -> ChainArrays:
     return ChainArrays(state, further, arguments, asked)
 
 
+def of_objects(chain: ClosedChain, **given: Any) -> dict[str, Any]:
+    """Return arrays of objects by name; those of a chain without objects that are not given have no rows."""
+    if chain.free_objects:
+        return given
+    return {name: np.zeros((0, 7 if name == "object_pose" else 6)) if x is None else x for name, x in given.items()}
+
+
 def chain_terms(chain: ClosedChain, parameters: Sequence[str]) -> ForestTerms:
     """Return the arrays of a chain's forest in the terms of the chain; `parameters` may have "link_wrench"."""
     forest, places, results = chain.as_forest.forest, chain_arguments(chain), chain_results(chain)

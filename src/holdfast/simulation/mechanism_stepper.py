@@ -49,7 +49,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, found_state, shaped_inputs
 
 
-class Acting(NamedTuple):
+class MechanismInput(NamedTuple):
     """What acts on a chain at one time and state.
 
     Attributes:
@@ -190,13 +190,13 @@ class MechanismStepper:
         sizes = [(len(a), max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0))) for a, b in pairs]
         return self.tolerance.atol + self.tolerance.rtol * np.concatenate([np.full(n, size) for n, size in sizes])
 
-    def _moment(self, t: float, at: Acting) -> MechanismMoment:
+    def _moment(self, t: float, at: MechanismInput) -> MechanismMoment:
         now = self.engine.instant(at.given)
         sample, found = ForestSample(t, at.given, now), (now, now.power)
         chain, acting = self.environment.chain, (at.inputs, at.tau, at.memory)
         return MechanismMoment(t, at.state, chain, *acting, *found, sample=sample, engine=self.engine)  # pyright: ignore
 
-    def _acting(self, t: float, state: State | None, q: Array, qd: Array, memory: Any) -> Acting:
+    def _acting(self, t: float, state: State | None, q: Array, qd: Array, memory: Any) -> MechanismInput:
         """Return what acts at a time, and at positions and rates of the forest, whose state is found if it is None."""
         chain = self.environment.chain
         state = found_state(chain_arrays_of(chain, q, qd)) if state is None else state
@@ -204,7 +204,9 @@ class MechanismStepper:
         inputs, wrenches = self._constant or self._wrenches(self.environment.at(t, state)[1])
         drives = np.zeros(len(qd))
         drives[joint_rows(chain)] = tau - friction_torque(self._friction, state.qd) if self._friction.any() else tau
-        return Acting(state, ForestArguments(chain.as_forest.forest, q, qd, drives, wrenches), tau, memory, inputs)
+        return MechanismInput(
+            state, ForestArguments(chain.as_forest.forest, q, qd, drives, wrenches), tau, memory, inputs
+        )
 
     def _asked(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques of the controller, and its memory."""
