@@ -407,7 +407,7 @@ def test_machine_code_of_many_samples_gives_the_equations_of_a_few(held, monkeyp
     assert given.tau is not None
     unknowns = machine_unknowns(chain, "tau", kinds, Prior(), given.tau, np.ones(given.tau.shape[1]), 1.0)
     one = np.ones(given.tau.shape[1])
-    few = errors_without_friction(chain, given, unknowns, one)
+    (few,) = errors_without_friction(chain, [given], unknowns, one)
     monkeypatch.setattr(instants, "MANY", 1)
-    many = errors_without_friction(chain, given, unknowns, one)
+    _, many = errors_without_friction(chain, [given, given], unknowns, one)
     assert np.allclose(few, many, rtol=0.0, atol=1e-10 * np.abs(few).max())
