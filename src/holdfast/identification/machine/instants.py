@@ -26,8 +26,8 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 MANY = 300  # samples for which machine code is worth its compilation
-AT_ONCE = 1000  # samples, of which the columns of all links are in memory together
-AT_REST = np.r_[1.0, np.zeros(6)]  # pose of an object that nobody holds
+SAMPLES_AT_ONCE = 1000  # samples, of which the columns of all links are in memory together
+UNHELD_POSE = np.r_[1.0, np.zeros(6)]  # pose of an object that nobody holds
 
 
 class Instants(NamedTuple):
@@ -85,8 +85,8 @@ def instants(chain: ClosedChain, recording: Recording) -> Iterator[Instants]:
     many = len(recording) >= MANY and not chain.springs
     inputs = (recording.inputs or Inputs()).shaped(chain)
     code = _code(chain, recording.inputs) if many else None
-    for first in range(0, len(recording), AT_ONCE):
-        x = _given(chain, recording.part(slice(first, first + AT_ONCE)))
+    for first in range(0, len(recording), SAMPLES_AT_ONCE):
+        x = _given(chain, recording.part(slice(first, first + SAMPLES_AT_ONCE)))
         if code is None:
             each = [_pieces(chain, inputs, _state(row), row) for row in _rows(x)]
             found = {name: np.array([one[name] for one in each]) for name in each[0]}
@@ -106,7 +106,7 @@ def _code(chain: ClosedChain, inputs: Inputs | None) -> BatchKernel:
     shapes = {"q": (n,), "qd": (n,), "qdd": (n,)}
     shapes |= {"object_pose": (7,), "object_twist": (6,), "alpha": (6,)} if chain.grasps else {}
     shapes |= {"floating_pose": (7,), "floating_twist": (6,), "base": (6,)} if chain.floats else {}
-    still = State(np.zeros(n), np.zeros(n), AT_REST, none, *((AT_REST, none) if chain.floats else ()))
+    still = State(np.zeros(n), np.zeros(n), UNHELD_POSE, none, *((UNHELD_POSE, none) if chain.floats else ()))
     found = _pieces(chain, given, still, {"qdd": np.zeros(n), "base": none})
     outputs = {name: np.shape(x) for name, x in found.items()}
 
@@ -141,7 +141,7 @@ def _rows(x: Mapping[str, Array]) -> Iterator[dict[str, Array]]:
 
 def _state(x: Mapping[str, Array]) -> State:
     """Return the state of a sample."""
-    pose, twist = x.get("object_pose", AT_REST), x.get("object_twist", np.zeros(6))
+    pose, twist = x.get("object_pose", UNHELD_POSE), x.get("object_twist", np.zeros(6))
     return State(x["q"], x["qd"], pose, twist, x.get("floating_pose"), x.get("floating_twist"))
 
 
