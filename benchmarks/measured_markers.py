@@ -40,8 +40,7 @@ def main(urdf: Path | None = None) -> bool:
         raise SystemExit("expected TIAGo's URDF file; try `make robots`, or give its path")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", hf.errors.ModelWarning)
-        ends = {"base": "base_footprint", "tip": "arm_tool_link"}
-        arm = hf.load_urdf(path, **ends, lock_others=True, physical=False)
+        arm = hf.load_urdf(path, base="base_footprint", tip="arm_tool_link", lock_others=True, physical=False)
     chain = hf.ClosedChain({"arm": arm}, hf.HeldObject.box(1.0, 0.1, 0.1, 0.1), {})
     train, held, met = seen("train"), seen("validation"), []
     for title, seek in SOUGHT.items():
