@@ -31,8 +31,9 @@ def standing(urdf: Path, side: str) -> hf.ClosedChain:
     """Return the chain from the sole of a side to its gripper, which touches a table."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", hf.errors.ModelWarning)
-        ends = {"base": f"{side}_sole_link", "tip": f"gripper_{side}_base_link"}
-        arm = hf.load_urdf(urdf, **ends, lock_others=True, physical=False)
+        arm = hf.load_urdf(
+            urdf, base=f"{side}_sole_link", tip=f"gripper_{side}_base_link", lock_others=True, physical=False
+        )
     arm = replace(arm, frames={"fingers": (arm.joint_count - 1, arm.tip @ hf.Pose.translation(*FINGERS))})
     at = np.array(TABLE) * (1.0, 1.0 if side == "left" else -1.0, 1.0)
     top = hf.Arm([hf.Joint("prismatic")], [hf.Link(1.0, name="top")], base=hf.Pose.translation(*at))

@@ -15,8 +15,12 @@ from holdfast.dynamics import inertial_parameters
 from holdfast.errors import ModelError, StateError
 from holdfast.identification import Prior, Recording, measurement_errors
 from holdfast.identification.feasible_bodies import is_feasible
+from holdfast.identification.machine import instants
 from holdfast.identification.machine.coloured_noise import autoregressions
+from holdfast.identification.machine.identify_machine import moving, without_object
 from holdfast.identification.machine.log_cholesky import body_at, coordinates_of, no_thinner, reference_factor
+from holdfast.identification.machine.rows import errors_without_friction
+from holdfast.identification.machine.unknowns import machine_unknowns
 from holdfast.robots import HOME, panda
 from holdfast.simulation.joint_friction import friction_torque
 from tests.identification.recorded import BOX, recorded, two_pandas
@@ -385,3 +389,25 @@ def test_noise_of_positions_enters_deviations_also_where_that_of_torques_is_give
         squares.append((found.values[of] - list(right.values())) ** 2 / np.diag(found.covariance)[of])
         assert any("positions have noise of up to" in note for note in found.notes)
     assert 0.1 < np.mean(squares) < 3.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", ["two", "one", "none"])
+def test_machine_code_of_many_samples_gives_the_equations_of_a_few(held, monkeypatch):
+    """Rows are bases of the same motions: as errors of the measurements, which no basis enters, they are equal."""
+    if held == "two":
+        chain, state = two_pandas()
+        given = recorded(chain, state, duration=1.0, rate=8.0)
+    else:
+        chain, given = without_object(BARE), rubbing().part(slice(0, 8))
+        if held == "one":
+            chain = hf.ClosedChain({"arm": panda()}, BOX, {"arm": hf.Grasp("rigid", hf.Pose.translation(0, 0, 0.1))})
+            given = moving(chain, [given])[0]
+    kinds = ("links", *OF_JOINTS) if held == "none" else ("payload", "links", *OF_JOINTS)
+    assert given.tau is not None
+    unknowns = machine_unknowns(chain, "tau", kinds, Prior(), given.tau, np.ones(given.tau.shape[1]), 1.0)
+    one = np.ones(given.tau.shape[1])
+    (few,) = errors_without_friction(chain, [given], unknowns, one)
+    monkeypatch.setattr(instants, "MANY", 1)
+    _, many = errors_without_friction(chain, [given, given], unknowns, one)
+    assert np.allclose(few, many, rtol=0.0, atol=1e-10 * np.abs(few).max())

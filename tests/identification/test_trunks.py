@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.identification import Recording
+from holdfast.dynamics import inertial_parameters
+from holdfast.identification import Prior, Recording
+from holdfast.identification.machine import instants
+from holdfast.identification.machine.rows import equations_at
+from holdfast.identification.machine.unknowns import machine_unknowns, named_bodies
 from tests.systems.as_chain import Problem
 from tests.systems.problems import random_problem
 from tests.systems.trunk_problems import on_trunk
@@ -85,3 +89,27 @@ def test_the_motion_of_a_floating_base_is_needed():
         hf.errors.StateError, match="expected base_twist, base_acceleration, as the trunk's base floats"
     ):
         hf.identify(p.chain, replace(recording, base_twist=None, base_acceleration=None), by="tau")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("floating", [False, True])
+def test_machine_code_of_many_samples_gives_the_equations_of_a_few(floating, monkeypatch):
+    """Trunks, mounted arms, constant inputs and floating bases; and the model explains what it did."""
+    p, recording = recorded(floating)
+    n = p.chain.joint_count
+    assert recording.tau is not None
+    unknowns = machine_unknowns(p.chain, "tau", ("payload", "links"), Prior(), recording.tau, np.ones(n), 1.0)
+    few = equations_at(p.chain, recording, unknowns)
+    monkeypatch.setattr(instants, "MANY", 1)
+    A, b, P, ranks = equations_at(p.chain, recording, unknowns)
+    products = [np.concatenate([one[0], one[1][:, :, None], one[2]], axis=2) for one in (few, (A, b, P))]
+    first, second = (x.transpose(0, 2, 1) @ x for x in products)  # in which the bases of the motions do not enter
+    assert np.allclose(first, second, rtol=0.0, atol=1e-10 * np.abs(first).max())
+    assert (ranks == few[3]).all()
+    right = np.concatenate([inertial_parameters(p.chain.held_object), *bodies(p.chain)])
+    assert np.abs(A @ right + b - np.einsum("src,sc->sr", P, recording.tau)).max() < 1e-7
+
+
+def bodies(chain: hf.ClosedChain) -> list[np.ndarray]:
+    """Return the inertial parameters of trunk and links, in the order of the unknowns."""
+    return [inertial_parameters(body) for _, body in named_bodies(chain)]

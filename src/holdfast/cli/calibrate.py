@@ -14,12 +14,10 @@ from holdfast.calibration.noise import ClosureNoise
 from holdfast.calibration.postures import load_postures
 from holdfast.cli.console import print_document, refuse_standard, stdout
 from holdfast.cli.options import Changes, Folder, Format, Names, PackageOptions, Switch
-from holdfast.cli.results import opened_scene
+from holdfast.cli.results import opened_scene, written_page
 from holdfast.cli.streams import EXIT_REFUSED
 from holdfast.errors import SceneError
-from holdfast.io.files import make_folder
 from holdfast.view.calibration_report import calibration_page
-from holdfast.view.plots import write_figures
 
 PostureFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="POSTURES")]
 OtherFile = Annotated[Path | None, tyro.conf.arg(metavar="POSTURES")]
@@ -73,20 +71,13 @@ def calibrate(
     if any(one.partition(":")[0] in ("markers", "sensors") for one in sought):
         raise SceneError("--seek: markers and sensors need measured poses, which tables do not have; try hf.calibrate")
     found = calibration_of(chain, load_postures(postures, chain), sought, noise=given, held_out=later, robust=robust)
-    written = [] if out is None else _write(found, out, f"Calibration of {scenario.name}")
+    written = written_page(calibration_page, found, out, CALIBRATION_PAGE, f"Calibration of {scenario.name}")
     if format == "json":
         print_document(_as_json(found, written))
     else:
         shown = "\n".join([str(found), *(f"look at {one}" for one in written)])
         stdout().print(shown, soft_wrap=True, markup=False, highlight=False)
     return EXIT_REFUSED if found.notes else 0
-
-
-def _write(found: Calibration, out: Path, title: str) -> list[str]:
-    """Write figures and the page, and return their paths, the page first."""
-    make_folder(out)
-    figures = calibration_page(found, out / CALIBRATION_PAGE, title)
-    return [str(out / CALIBRATION_PAGE), *(str(out / name) for name in write_figures(figures, out))]
 
 
 def _as_json(found: Calibration, files: list[str]) -> dict[str, object]:

@@ -11,20 +11,19 @@ import tyro
 
 from holdfast.cli.console import is_standard, print_document, refuse_standard, stdout
 from holdfast.cli.options import Changes, Folder, Format, Names, PackageOptions, Switch
-from holdfast.cli.results import opened_scene
+from holdfast.cli.results import opened_scene, written_page
 from holdfast.cli.streams import EXIT_REFUSED
 from holdfast.errors import SceneError
 from holdfast.identification.assessment import Assessment, assess
 from holdfast.identification.load_recording import load_recording
 from holdfast.identification.machine.prior import Prior
 from holdfast.identification.recording import Recording
-from holdfast.io.files import make_folder, one_line
+from holdfast.io.files import one_line
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.scenario.build import Scenario
 from holdfast.view.identification_report import identification_page
-from holdfast.view.plots import write_figures
 
 RecordingFiles = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING ...")]
 OtherRecording = Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")]
@@ -102,7 +101,7 @@ def identify(
         prior=_prior(prior),
         loss="huber" if robust else "squares",
     )
-    written = [] if out is None else _write(found, out, f"Identification of {scenario.name}")
+    written = written_page(identification_page, found, out, IDENTIFICATION_PAGE, f"Identification of {scenario.name}")
     if format == "json":
         print_document(_as_json(found, read, written))
     else:
@@ -159,13 +158,6 @@ def _prior(given: tuple[str, ...]) -> Prior:
         except ValueError as cause:
             raise SceneError(f"--prior: {kind}: expected a number, got '{one_line(value, 60)}'") from cause
     return Prior(**values)
-
-
-def _write(found: Assessment, out: Path, title: str) -> list[str]:
-    """Write figures and the page, and return their paths, the page first."""
-    make_folder(out)
-    figures = identification_page(found, out / IDENTIFICATION_PAGE, title)
-    return [str(out / IDENTIFICATION_PAGE), *(str(out / name) for name in write_figures(figures, out))]
 
 
 def _as_json(found: Assessment, read: list[Recording], files: list[str]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -69,6 +69,14 @@ def labels(places: Sequence[Path], most: int, what: str = "RESULT") -> list[str]
     longest = max(map(len, parts))
     length = next(k for k in range(1, longest + 1) if len({one[-k:] for one in parts}) == len(parts))
     return ["/".join(one[-length:]) for one in parts]
+
+
+def written_page(page: Callable[..., dict[str, Any]], found: Any, out: Path | None, name: str, title: str) -> list[str]:
+    """Write figures of what was found and an HTML page of a name into a folder; return their paths, the page first."""
+    if out is None:
+        return []
+    make_folder(out)
+    return [str(out / name), *(str(out / one) for one in write_figures(page(found, out / name, title), out))]
 
 
 def opened_scene(

@@ -7,7 +7,7 @@ smooth. As errors of the measurements (H instead of G), they do not depend on th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,7 +74,7 @@ class JointNoise:
 def motion_noise(
     recordings: list[tuple[Recording, list[Smoothed]]],
     kept: list[Array],
-    as_channels: Callable[[Recording], Array],
+    as_channels: Callable[[Sequence[Recording]], list[Array]],
     friction: Array,
 ) -> list[JointNoise]:
     """Return the errors of all joints whose positions (or rates) are not exact.
@@ -84,8 +84,8 @@ def motion_noise(
     Args:
         recordings: recordings with joint rates and accelerations, and what was smoothed to find these.
         kept: by recording, which samples the equations have.
-        as_channels: returns (samples, channels, features) of a recording, the rows without dry friction as errors of
-            the measurements in their place.
+        as_channels: returns (samples, channels, features) of each of some recordings, the rows without dry friction as
+            errors of the measurements in their place.
         friction: (n, features) by which the features give the sizes of the joints' dry friction; 0 if it does not
             enter.
     """
@@ -97,22 +97,22 @@ def motion_noise(
             continue
         nodes = _nodes(recording, those)
         part = recording.part(nodes)
-        at_nodes = as_channels(part)
-        for one in smoothed:
-            for joint, spline in enumerate(one.splines):
-                if not spline.noise:
-                    continue
-                moved = [as_channels(_moved(part, name, joint)) for name in one.names]
-                H = np.stack([(x - at_nodes) / DIFFERENCE for x in moved], axis=1)
-                t = recording.t[those]
-                evaluations = [E[np.flatnonzero(those)] for E in spline.evaluations[: len(one.names)]]
-                C = _at_all(recording.t[nodes], _covariances(spline, len(one.names), nodes), t, smooth=False)
-                rubbing = np.zeros((len(t), len(one.names), at_nodes.shape[1]))
-                if friction[joint].any() and "qd" in one.names and recording.qd is not None:
-                    slopes = friction_slope(np.ones(1), recording.qd[those, joint][None])
-                    rubbing[:, one.names.index("qd"), joint] = slopes[0]
-                rest = (C, H, recording.t[nodes], t, rubbing, friction[joint])
-                found.append(JointNoise(spline, samples, evaluations, *rest))
+        noisy = [(one, joint) for one in smoothed for joint, spline in enumerate(one.splines) if spline.noise]
+        changed = [_moved(part, name, joint) for one, joint in noisy for name in one.names]
+        at_nodes, *moved = as_channels([part, *changed])
+        changes = iter(moved)
+        for one, joint in noisy:
+            spline = one.splines[joint]
+            H = np.stack([(next(changes) - at_nodes) / DIFFERENCE for _ in one.names], axis=1)
+            t = recording.t[those]
+            evaluations = [E[np.flatnonzero(those)] for E in spline.evaluations[: len(one.names)]]
+            C = _at_all(recording.t[nodes], _covariances(spline, len(one.names), nodes), t, smooth=False)
+            rubbing = np.zeros((len(t), len(one.names), at_nodes.shape[1]))
+            if friction[joint].any() and "qd" in one.names and recording.qd is not None:
+                slopes = friction_slope(np.ones(1), recording.qd[those, joint][None])
+                rubbing[:, one.names.index("qd"), joint] = slopes[0]
+            rest = (C, H, recording.t[nodes], t, rubbing, friction[joint])
+            found.append(JointNoise(spline, samples, evaluations, *rest))
     return found
 
 
@@ -124,8 +124,8 @@ def payload_noise(
     if settings.source == "tau":
         friction[:, _known(settings)] = joint_friction(chain)
 
-    def as_channels(recording: Recording) -> Array:
-        return _as_channels(chain, recording, settings)
+    def as_channels(given: Sequence[Recording]) -> list[Array]:
+        return [_as_channels(chain, one, settings) for one in given]
 
     return motion_noise(recordings, system.kept, as_channels, friction)
 

@@ -299,7 +299,7 @@ def _triangle(x: Array) -> Array:
     """Return R of the QR decomposition of a tall matrix, by blocks that stay in the processor's cache."""
     rows, width = BLOCK * x.shape[1], x.shape[1]
     whole = len(x) - len(x) % rows
-    blocks = np.linalg.qr(x[:whole].reshape(-1, rows, width), mode="r").reshape(-1, width)
+    blocks = np.asarray(np.linalg.qr(x[:whole].reshape(-1, rows, width), mode="r")).reshape(-1, width)
     return np.asarray(np.linalg.qr(np.concatenate([blocks, x[whole:]]), mode="r"))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -78,6 +79,7 @@ class Machine:
     suspicions: tuple[str, ...] = ()
 
 
+@lru_cache(maxsize=8)  # so that machine code of a chain serves its next recording too
 def without_object(chain: ClosedChain) -> ClosedChain:
     """Return a chain of serial arms that hold nothing with an object that stands in for none."""
     if chain.held_object is None and not chain.grasps and not chain.objects:
@@ -123,8 +125,8 @@ def identify_machine(
         )
     gain = unknowns.gain(unknowns.start, y.shape[1])
 
-    def as_channels(one: Recording) -> Array:
-        return errors_without_friction(chain, _with_object(chain, one), unknowns, gain)
+    def as_channels(given: Sequence[Recording]) -> list[Array]:
+        return errors_without_friction(chain, [_with_object(chain, one) for one in given], unknowns, gain)
 
     motion = motion_noise(smoothed, rows.kept, as_channels, friction_of_features(unknowns, chain.joint_count))
     fit = machine_fit(rows, unknowns, channel_kinds(chain, by), noise, huber, motion=motion)

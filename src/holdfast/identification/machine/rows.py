@@ -13,7 +13,8 @@ s = qd / sqrt(qd^2 + 0.05^2), as in simulations.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -96,8 +97,25 @@ def _below(x: Array, rows: int) -> Array:
     return np.concatenate([x, np.zeros((len(x), rows - x.shape[1], *x.shape[2:]))], axis=1)
 
 
-def errors_without_friction(chain: ClosedChain, recording: Recording, unknowns: MachineUnknowns, gain: Array) -> Array:
-    """Return (samples, channels, features), rows [A, b - P gain y] without dry friction in place of measurements."""
+def errors_without_friction(
+    chain: ClosedChain, recordings: Sequence[Recording], unknowns: MachineUnknowns, gain: Array
+) -> list[Array]:
+    """Return (samples, channels, features), rows [A, b - P gain y] without dry friction in place of measurements.
+
+    Args:
+        chain: the chain.
+        recordings: completed recordings with the same inputs, of which an array is returned for each.
+        unknowns: the unknowns.
+        gain: (channels,) factors of the measurements.
+    """
+    if unknowns.by not in ("tau", "current"):
+        return [_as_errors(chain, one, unknowns, gain) for one in recordings]
+    ends = np.cumsum([len(one) for one in recordings])
+    return np.split(_as_errors(chain, _joined(recordings), unknowns, gain), ends[:-1])
+
+
+def _as_errors(chain: ClosedChain, recording: Recording, unknowns: MachineUnknowns, gain: Array) -> Array:
+    """Return the errors of one recording; see `errors_without_friction`."""
     A, b, P, _ = equations_at(chain, recording, unknowns)
     rubs = unknowns.where("friction")
     if unknowns.by in ("tau", "current") and not len(rubs):
@@ -106,6 +124,14 @@ def errors_without_friction(chain: ClosedChain, recording: Recording, unknowns: 
     A[:, :, rubs] = 0.0
     left = b - np.einsum("src,sc->sr", P, gain * channels(chain, recording, unknowns.by))
     return np.linalg.pinv(P) @ np.concatenate([A, left[:, :, None]], axis=2)
+
+
+def _joined(recordings: Sequence[Recording]) -> Recording:
+    """Return all samples of recordings in one, whose times mean nothing, so that machine code runs them together."""
+    first = recordings[0]
+    names = [field.name for field in fields(Recording) if isinstance(getattr(first, field.name), np.ndarray)]
+    arrays = {name: np.concatenate([getattr(one, name) for one in recordings]) for name in names}
+    return replace(first, **(arrays | {"t": np.arange(float(len(arrays["t"])))}))
 
 
 def friction_of_features(unknowns: MachineUnknowns, n: int) -> Array:

@@ -1,0 +1,77 @@
+"""Encoders with noise, for arms that hold one object together: errors are as deviations say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.identification import Recording
+from holdfast.simulation.joint_friction import friction_torque
+from tests.identification.recorded import recorded
+
+BOX = hf.HeldObject(2.0, np.diag([0.02, 0.05, 0.04]), [0.02, 0.0, 0.03])
+DAMPING, FRICTION, OFFSET = 0.3, 0.5, 0.3
+POSITIONS = 1e-3  # rad
+TORQUES, WRENCHES = 0.02, np.array([0.005, 0.005, 0.005, 0.05, 0.05, 0.05])
+
+
+def planar_arm(x: float) -> hf.Arm:
+    """Return an arm of three joints about y, and its base."""
+    at = [hf.Pose.translation(0.0, 0.0, z) for z in (0.0, 0.5, 0.5, 0.2)]
+    joints = [hf.Joint(axis=[0, 1, 0], placement=one, damping=DAMPING, friction=FRICTION) for one in at[:3]]
+    links = [hf.Link(2.0, [0.01, 0.0, 0.2], np.diag([0.03, 0.03, 0.005]))] * 2
+    return hf.Arm(joints, [*links, hf.Link(1.0, [0, 0, 0.1], np.diag([0.01, 0.01, 0.002]))], at[3]).at(
+        hf.Pose.translation(x, 0.0, 0.0)
+    )
+
+
+def carried(samples: int) -> tuple[hf.ClosedChain, Recording]:
+    """Return two arms that hold a box, and exactly what they do and feel while it moves in their plane."""
+    arms = {"left": planar_arm(-0.55), "right": planar_arm(0.55)}
+    grasps = {
+        name: hf.Grasp("rigid", hf.Pose.from_rpy(0, -sign * 0.5 * np.pi, 0, [0.15 * sign, 0, 0]))
+        for name, sign in (("left", -1.0), ("right", 1.0))
+    }
+    q = {"left": [-0.9, 1.9, 0.57], "right": [0.9, -1.9, -0.57]}
+    chain, state = hf.assemble(arms, BOX, grasps, q=q)
+
+    def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        f, size = 2 * np.pi * np.array([0, 0.41, 0, 0.53, 0, 0.37]), np.array([0, 0.25, 0, 0.08, 0, 0.08])
+        x = f * t[:, None] + np.arange(6)
+        return size * np.sin(x), size * f * np.cos(x), -size * f * f * np.sin(x)
+
+    exact = recorded(chain, state, duration=5.0, rate=samples / 5.0, motion=motion)
+    assert exact.qd is not None and exact.tau is not None
+    dry = friction_torque(np.full(6, FRICTION), exact.qd.T).T
+    return chain, replace(exact, tau=exact.tau + dry)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("by", ["tau", "wrist_wrench"])
+def test_noise_of_positions_enters_deviations_of_a_closed_chain(by):
+    """Squares of errors in units of deviations have the mean 1 if these are right; the object has no pose."""
+    chain, exact = carried(100)
+    assert exact.tau is not None and exact.wrist_wrench is not None
+    model = replace(chain, held_object=hf.HeldObject.box(1.0, 0.2, 0.2, 0.2))
+    body = [BOX.mass, *BOX.com, *BOX.inertia[np.triu_indices(3)]]
+    right = np.array([*body, *[DAMPING] * 6, *[FRICTION] * 6] if by == "tau" else [*body, *[OFFSET] * 12])
+    kinds = {"tau": ["payload", "damping", "friction"], "wrist_wrench": ["payload", "sensor_offset"]}[by]
+    squares = []
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        q = exact.q + POSITIONS * random.normal(size=exact.q.shape)
+        if by == "tau":
+            given = Recording(t=exact.t, q=q, tau=exact.tau + TORQUES * random.normal(size=q.shape))
+        else:
+            felt = exact.wrist_wrench + OFFSET + WRENCHES * random.normal(size=exact.wrist_wrench.shape)
+            given = Recording(t=exact.t, q=q, wrist_wrench=felt)
+        noise = TORQUES if by == "tau" else WRENCHES
+        found = hf.identify(model, given, by=by, unknowns=kinds, noise=noise)
+        sure = np.isfinite([found.deviations[name] for name in found.names])
+        squares += ((found.values - right) ** 2 / np.diag(found.covariance))[sure].tolist()
+        assert any("positions have noise of up to" in note for note in found.notes)
+    assert len(squares) > 20
+    assert 0.2 < np.mean(squares) < 2.5 and max(squares) < 20.0
