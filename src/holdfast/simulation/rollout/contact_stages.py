@@ -255,11 +255,8 @@ class ContactSteppers:
         Machine code takes chains whose grasps are independent, that stand still, and in which nothing is elastic.
         """
         of = environment, controller, generic_rank, scheme, tolerance
-        if (
-            modes.hands
-            or generic_rank != environment.chain.constraint_row_count
-            or not _in_machine_code(environment, scheme)
-        ):
+        independent = generic_rank == environment.chain.constraint_row_count
+        if modes.hands or not independent or not _in_machine_code(environment, scheme):
             return ContactStepper(*of, modes)
         last = self._last
         if last is not None and all(x is y for x, y in zip(of, (getattr(last, name) for name in _SHARED), strict=True)):
