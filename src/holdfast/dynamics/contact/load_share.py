@@ -20,7 +20,7 @@ from holdfast.spatial.scalar import Array
 MOST_SHARE_STEPS = 30
 CONES = (0.8, 0.95, 0.99, 0.999, 1.0 - 1e-9)  # of the friction that a share may use
 WEIGHTS = (1e-2, 1e-2, 1e-2, 1e-2, 0.0)  # of the change of a share, which makes it unique and a continuous function
-LEAST_NORMAL = 0.1  # of the mean normal force and of what is left of friction: its share is at least that
+LEAST_BORNE = 0.1  # of the mean normal force and of what is left of friction: its share is at least that
 NO_LOAD = 1e-11  # singular values below this part of the largest: forces without an effect
 NO_CURVATURE = 1e-6  # relative: along such directions rounding of the slope would move the forces
 HOLDS = 1e-12  # distance from the cones, relative to the forces
@@ -47,7 +47,7 @@ def within_cones(of: Array, D: Array, friction: Array, sticks: Array, x: Array) 
     for part, wider, weight in zip(CONES, (*CONES[1:], CONES[-1]), WEIGHTS, strict=True):
         for n, t in zip(normals, tangents, strict=True):
             scale[t] = 1.0 / (part * friction[of[n]]) if len(t) else 1.0
-        apex[normals] = LEAST_NORMAL * (1.0 - part) * mean
+        apex[normals] = LEAST_BORNE * (1.0 - part) * mean
         y = scale * x - apex
         if _off(cones, y)[0] == 0.0:
             return x
@@ -59,7 +59,7 @@ def within_cones(of: Array, D: Array, friction: Array, sticks: Array, x: Array) 
         found = (_nearest(cones, y, scale[:, None] * N, weight) + apex) / scale
         for n, t in zip(normals, tangents, strict=True):
             scale[t] = 1.0 / (wider * friction[of[n]]) if len(t) else 1.0
-        apex[normals] = LEAST_NORMAL * (1.0 - wider) * mean
+        apex[normals] = LEAST_BORNE * (1.0 - wider) * mean
         if weight and _off(cones, scale * found - apex)[0] == 0.0:
             break
     return found
