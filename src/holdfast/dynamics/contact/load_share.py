@@ -43,7 +43,7 @@ def within_cones(of: Array, D: Array, friction: Array, sticks: Array, x: Array) 
         tangents.append(np.setdiff1d(rows, normals[-1]) if sticks[j] and friction[j] > 0.0 else rows[:0])
     cones = [np.concatenate([[n], t]) for n, t in zip(normals, tangents, strict=True)]
     scale, apex, mean = np.ones(len(x)), np.zeros(len(x)), np.abs(x[normals]).mean() if normals else 0.0
-    N = None
+    N, found = None, x
     for part, wider, weight in zip(CONES, (*CONES[1:], CONES[-1]), WEIGHTS, strict=True):
         for n, t in zip(normals, tangents, strict=True):
             scale[t] = 1.0 / (part * friction[of[n]]) if len(t) else 1.0
