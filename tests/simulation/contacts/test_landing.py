@@ -1,6 +1,6 @@
 """Two arms under an impedance lay a box on a table: flat onto four redundant contacts, and tilted onto a corner."""
 
-import itertools
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -56,5 +56,5 @@ def test_two_pandas_lower_a_tilted_box_by_events():
     chain, state, law = lowering([0, 0, -0.02], 0.3, [0.05, -0.03, 0.0])
     for duration, steps in ((0.13, (0.01, 0.005, 0.0025)), (0.145, (0.0025, 0.00125, 0.000625))):
         ends = [after(chain, state, law, duration, h, "events") for h in steps]
-        off = [np.abs(a - b).max() for a, b in itertools.pairwise(ends)]
+        off = [np.abs(a - b).max() for a, b in pairwise(ends)]
         assert off[0] / off[1] > 11.0, duration  # 16

@@ -6,6 +6,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.control import InternalForce, ObjectImpedance, RestToRest, cooperative_law
+from holdfast.spatial import rotation
 from holdfast.world import HalfSpace, Touching, corners
 
 TABLE, HEIGHT, STIFFNESS = 0.28, 0.4, 800.0  # m, m, N/m
@@ -24,7 +25,7 @@ def lowering(path, duration=0.5, turned=None):
         arms[arm] = hf.robots.panda(at(0, 0.35 * y, 0))
         grasps[arm] = hf.Grasp("rigid", hf.contact_frame([0, 0.15 * y, 0], into=[0, -y, 0]))
     box = hf.HeldObject.box(mass=3.0, x=0.3, y=0.3, z=0.2)
-    R = np.eye(3) if turned is None else hf.spatial.rotation.exp(np.asarray(turned))
+    R = np.eye(3) if turned is None else rotation.exp(np.asarray(turned))
     chain, state = hf.assemble(arms, box, grasps, object_pose=hf.Pose(R, np.array([0.55, 0.0, HEIGHT])))
     table = HalfSpace(normal=[0, 0, 1], offset=TABLE, friction=0.4)
     chain = dataclasses.replace(chain, touching=Touching(points=corners(0.3, 0.3, 0.2), world={"table": table}))
