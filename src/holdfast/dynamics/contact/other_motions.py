@@ -87,9 +87,7 @@ def all_motions(contacts: list[ReducedContact]) -> Iterator[list[Array]]:
             if len(K) + len(X) > free:
                 continue
             for z in _slipping(of, standing, [*K, *X], len(X)):
-                if np.isfinite(z).all() and all(
-                    np.abs(of.by_z @ (z - one)).max() > NO_SPEED * of.size for one in seen
-                ):
+                if np.isfinite(z).all() and all(np.abs(of.by_z @ (z - one)).max() > NO_SPEED * of.size for one in seen):
                     seen.append(z)
                     forces = _forces_with(of, z)
                     if forces is not None and violation(contacts, forces) < NEARLY:
