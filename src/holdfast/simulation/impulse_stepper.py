@@ -32,8 +32,6 @@ from holdfast.simulation.stepper import NO_GAPS, Advance, together
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-DEEPEST = 1e-12  # m: a deeper penetration at a step's end has the step taken in parts
-
 
 @dataclass(frozen=True, eq=False)
 class SteppedReference:
@@ -111,14 +109,13 @@ class ImpulseStepper(ContactStepper):
         return [self._surely(now, end) for end in ends]
 
     def _surely(self, now: Instant, end: float) -> Advance:
-        """Return the result of a step, in parts if it fails or penetrates; the shallowest if all do."""
-        best = self._attempted(now, end)
+        """Return the result of a step, in parts if it fails."""
+        whole = found = self._attempted(now, end)
         for parts in PARTS_OF_STEP:
-            if _depth(best) <= DEEPEST:
+            if found.failure is None:
                 break
             found = self._of_parts(now, end, parts)
-            best = found if _depth(found) < _depth(best) else best
-        return best
+        return whole if found.instant is None else found
 
     def _attempted(self, now: Instant, end: float) -> Advance:
         try:
@@ -167,12 +164,6 @@ class ImpulseStepper(ContactStepper):
     def _at_end(self, t: float, state: State, memory: Any, contacts: ContactsAt) -> Instant:
         of = self.environment, self.controller, t, state, memory
         return evaluate(*of, generic_rank=self.generic_rank, contacts=contacts)
-
-
-def _depth(found: Advance) -> float:
-    """Return how deep an object is within shapes of the world [m]; infinite after a step that failed."""
-    touch = None if found.instant is None else found.instant.touch
-    return np.inf if touch is None else -float(touch.rows.gap.min())
 
 
 def _require_closed(found: ImpulseStep) -> None:
