@@ -10,8 +10,8 @@ import numpy as np
 import holdfast as hf
 from holdfast import world
 from holdfast.scenario.build import parse_scene
-from holdfast.scenario.robots import RobotFiles
 from holdfast.scenario.overrides import toml_text
+from holdfast.scenario.robots import RobotFiles
 from tests.fuzz.calls import call, named
 
 OF_EVERY = {
