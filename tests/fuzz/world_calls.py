@@ -9,6 +9,9 @@ import numpy as np
 
 import holdfast as hf
 from holdfast import world
+from holdfast.scenario.build import parse_scene
+from holdfast.scenario.overrides import toml_text
+from holdfast.scenario.robots import RobotFiles
 from tests.fuzz.calls import call, named
 
 OF_EVERY = {
@@ -81,3 +84,41 @@ def _touching(**given: Any) -> Any:
 
     kinds = {"points": world.Circle, "world": world.HalfSpace, "solids": world.Rod, "edges": world.Circle}
     return answered(world.Touching(**{**given, **{of: made(of, kind) for of, kind in kinds.items() if of in given}}))
+
+
+@call(
+    "world.scene",
+    world=[
+        {"name": "floor", "type": "half_space", "offset": -1.0, "friction": 0.3, "normal": [0.0, 0.0, 1.0]},
+        {"name": "block", "type": "box", "half": [0.1, 0.2, 0.3], "pose": {"position": [3.0, 0.0, 0.0]}},
+        {"name": "bore", "type": "hole", "radius": 0.3, "chamfer": 0.02, "restitution": 0.5},
+        {"name": "hill", "type": "height_field", "heights": [[0.1] * 4] * 4, "spacing": 0.2},
+    ],
+    touching={
+        "points": {"tip": [0.0, 0.0, -0.1]},
+        "radius": 0.01,
+        "pairs": [["tip", "floor"], ["rim", "bore"], ["edge", "peg"]],
+        "circles": {"rim": {"centre": [0.0, 0.0, -0.1], "axis": [0.0, 0.0, 1.0], "radius": 0.1, "thickness": 0.01}},
+        "solids": [{"name": "peg", "type": "rod", "radius": 0.1, "half_length": 0.2}],
+        "edges": {"edge": {"centre": [0.0, 0.0, -2.0], "axis": [0.0, 0.0, 1.0], "radius": 0.3}},
+    },
+    simulation={"duration": 0.02, "step": 0.01, "contacts": "steps"},
+)
+def _scene(**given: Any) -> Any:
+    body = {"mass": 1.0, "box": [0.2, 0.2, 0.1], "pose": {"position": [0.0, 0.0, 3.0]}}
+    body |= {"touching": given.pop("touching")} if "touching" in given else {}
+    text = toml_text(in_toml({"arms": [], "object": body, **given}))
+    made = parse_scene(text.encode(), "scene", "scene", RobotFiles())
+    found = hf.forward_dynamics(made.chain, made.state, [])
+    return found.object_acceleration, found.touch_gap
+
+
+def in_toml(x: Any) -> Any:
+    """Return what a file can say of an argument."""
+    if isinstance(x, dict):
+        return {str(key): in_toml(one) for key, one in x.items()}
+    if isinstance(x, list | tuple):
+        return [in_toml(one) for one in x]
+    if isinstance(x, bool | float) or (isinstance(x, int) and abs(x) < 2**63):
+        return x
+    return str(x)[:100]

@@ -50,6 +50,7 @@ from holdfast.state import Inputs, State
 
 PASSES = 2  # the second has the mean velocity of the step, which makes forces that depend on it second-order
 ROUNDS_AT_END = 5  # of Newton's method for the positions at the step's end
+PARTS_OF_STEP = (2, 4, 16)  # of a step whose impulses are not found, or which leaves gaps
 OPEN_BY = 1e-13  # m: a deeper penetration is pushed out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -25,10 +25,10 @@ from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.contact_stepper import ContactStepper
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.impulse_step import ImpulseProblem, ImpulseStep, impulse_step
+from holdfast.simulation.impulse_step import PARTS_OF_STEP, ImpulseProblem, ImpulseStep, impulse_step
 from holdfast.simulation.instant import ContactsAt, Instant, evaluate
 from holdfast.simulation.step import Gaps, back_on_constraint
-from holdfast.simulation.stepper import NO_GAPS, Advance
+from holdfast.simulation.stepper import NO_GAPS, Advance, together
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -106,13 +106,39 @@ class ImpulseStepper(ContactStepper):
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return the results of single steps; see `Stepper`."""
-        found = []
-        for end in ends:
-            try:
-                found.append(self._stepped(now, end))
-            except (SingularChainError, ClosureError, StateError) as cause:
-                found.append(Advance(end, None, NO_GAPS, np.zeros(4), failure=cause))
-        return found
+        return [self._surely(now, end) for end in ends]
+
+    def _surely(self, now: Instant, end: float) -> Advance:
+        """Return the result of a step, in parts if it fails."""
+        whole = found = self._attempted(now, end)
+        for parts in PARTS_OF_STEP:
+            if found.failure is None:
+                break
+            found = self._of_parts(now, end, parts)
+        return whole if found.instant is None else found
+
+    def _attempted(self, now: Instant, end: float) -> Advance:
+        try:
+            return self._stepped(now, end)
+        except (SingularChainError, ClosureError, StateError) as cause:
+            return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
+
+    def _of_parts(self, now: Instant, end: float, parts: int) -> Advance:
+        """Return the result of a step in equal parts, with the mean of their contact forces."""
+        at, done, forces = now, [], []
+        for k in range(1, parts + 1):
+            part = self._attempted(at, end if k == parts else now.t + k / parts * (end - now.t))
+            if part.instant is None:
+                return replace(part, t=end)
+            assert part.instant.touch is not None
+            at = replace(part.instant, memory=now.memory)
+            done.append(part)
+            forces.append(part.instant.touch.force)
+        whole = together(done)
+        assert whole.instant is not None
+        assert whole.instant.touch is not None
+        touch = replace(whole.instant.touch, force=np.mean(forces, axis=0))
+        return replace(whole, instant=replace(whole.instant, touch=touch))
 
     def again(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a step's end from which a run is resumed; its impulses are those of the step before."""

@@ -36,7 +36,7 @@ class RolloutStatus(Enum):
     TOO_LONG = "its steps are too long: it diverges, or the next shows a slip, limit or singularity that halves do not"
     LIMITED = "a joint passes a limit of its position, rate or effort within the next step"
     UNRESOLVED = "goes on, but a step was too long: its halves differ by more than 1 % of the largest velocity so far"
-    UNLAWFUL = "no impulses that satisfy the laws of contact are found in the next step, nor in sixteenths of it"
+    UNLAWFUL = "no impulses that satisfy the laws of contact are found in the next step, nor in parts of it"
 
 
 _ATTRIBUTES = ("chain", "arrays", "begin", "step_length", "call_inputs", "under", "started_from")
