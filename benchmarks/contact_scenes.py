@@ -108,15 +108,26 @@ def gap_of(pose: Array, normal: Array, edges: Array, offset: float = 0.0) -> flo
 
 
 def by_holdfast(scene: Scene) -> Course:
-    """Return the run by steps."""
+    """Return the steps of a rollout of one system."""
     chain = hf.ClosedChain({}, body(), {}, touching=touching(scene.normal, EDGES))
-    start, law = hf.State([], [], scene.pose, scene.twist), lambda t, state, memory: (np.zeros(0), memory)
+    start = hf.State([], [], scene.pose, scene.twist)
+    return rolled_out(scene.name, hf.compile_rollout(chain), start, scene.duration, scene.normal)
+
+
+def rolled_out(name: str, rollout: hf.simulation.Rollout, state: hf.State, duration: float, normal: Array) -> Course:
+    """Return the steps of a rollout of one system; its cost includes the law."""
+    recorded = ("object_pose", "object_twist", "touch_force", "touch_gap")
+
+    def run() -> Any:
+        systems = rollout.start(state.q, state.qd, state.object_pose, state.object_twist)
+        return rollout.run(systems, duration, STEP, record=recorded)
+
+    run()  # compiled
     begun = time.process_time()
-    run = hf.simulate(chain, start, law, scene.duration, STEP, contacts="steps")
-    cost = (time.process_time() - begun) / (len(run) - 1)
-    force = (run.touch_force[1:].sum(axis=1)) @ scene.normal
-    gap = run.touch_gap[1:].min(axis=1)
-    return Course("holdfast", scene.name, run.object_pose[1:], run.object_twist[1:], gap, force, cost)
+    record = run()
+    cost = (time.process_time() - begun) / round(duration / STEP)
+    pose, twist, force, gap = (record[each][1:, 0] for each in recorded)
+    return Course("holdfast", name, pose, twist, gap.min(axis=1), force.sum(axis=1) @ normal, cost)
 
 
 def hardened(model: Any, mujoco: Any) -> None:
@@ -260,23 +271,11 @@ def landing() -> tuple[hf.ClosedChain, hf.State, Any]:
 
 
 def arms_by_holdfast() -> Course:
-    """Return the steps of a rollout; its cost includes the law."""
+    """Return the steps of a rollout under the law."""
     bare, state, law = landing()
     normal = np.array([0.0, 0.0, 1.0])
     chain = hf.ClosedChain(bare.arms, bare.held_object, bare.grasps, touching=touching(normal, LOW, TABLE))
-    rollout = hf.compile_rollout(chain, law)
-    recorded = ("object_pose", "object_twist", "touch_force", "touch_gap")
-
-    def run() -> Any:
-        systems = rollout.start(state.q, state.qd, state.object_pose, state.object_twist)
-        return rollout.run(systems, LASTS, STEP, record=recorded)
-
-    run()  # compiled
-    begun = time.process_time()
-    record = run()
-    cost = (time.process_time() - begun) / round(LASTS / STEP)
-    pose, twist, force, gap = (record[name][1:, 0] for name in recorded)
-    return Course("holdfast", "arms", pose, twist, gap.min(axis=1), force[..., 2].sum(axis=1), cost)
+    return rolled_out("arms", hf.compile_rollout(chain, law), state, LASTS, normal)
 
 
 def arms_by_mujoco(settings: str) -> Course:
