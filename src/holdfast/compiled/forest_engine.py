@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from holdfast.compiled.forest_code import ForestCode
 from holdfast.compiled.forest_schedule import forward_outputs, traced_solution, with_constant_arms, with_constants
 from holdfast.compiled.result import INDETERMINATE, OK, SINGULAR
 from holdfast.compiled.traced_chain import Given
-from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
 from holdfast.dynamics.tree.forest_balance import power_into
 from holdfast.dynamics.tree.forest_closing import FOREST_CLOSED
 from holdfast.dynamics.tree.forest_inverse import (
@@ -21,6 +20,7 @@ from holdfast.dynamics.tree.forest_inverse import (
     carrying_forces,
     inverse_terms,
     loads_for,
+    nearest_accelerations,
     smallest_accelerations,
 )
 from holdfast.dynamics.tree.forest_projection import ClosingRound, closing_round
@@ -35,8 +35,7 @@ from holdfast.dynamics.tree.varied_forest import (
 from holdfast.forces.margins import contact_margin, limited
 from holdfast.model.forest import Forest
 from holdfast.questions.arrays import Shape, contact_of
-from holdfast.spatial.linalg import shortest_solution
-from holdfast.spatial.scalar import Array, array, maximum, where
+from holdfast.spatial.scalar import Array, array, where
 from holdfast.spatial.spatial_vector import unrotate
 
 AGREEING = 1e-9  # relative: what rows leave over that agree
@@ -235,12 +234,9 @@ class CompiledForestEngine:
     @cached_property
     def _nearest(self) -> ForestCode:
         def function(given: Given) -> dict[str, Any]:
-            terms, qdd, free = inverse_terms(self._arguments(given).motion({})), given["qdd"], given["free"]
-            missing = terms.r - terms.on_qd @ qdd
-            change = shortest_solution(terms.on_qd * free, missing, NULL_SINGULAR_VALUE)
-            left = [*(terms.on_qd @ (free * change) - missing)]
-            sizes = reduce(maximum, [abs(x) for x in missing], 1.0)
-            return {"nearest": qdd + free * change, "apart": reduce(maximum, [abs(x) for x in left], 0.0) / sizes}
+            terms = inverse_terms(self._arguments(given).motion({}))
+            found, apart = nearest_accelerations(terms, given["qdd"], given["free"])
+            return {"nearest": found, "apart": apart}
 
         outputs: dict[str, Shape] = {"nearest": (self.forest.velocity_count,), "apart": ()}
         return ForestCode(self.forest, "nearest", ("q", "qd", "qdd", "free"), outputs, function)

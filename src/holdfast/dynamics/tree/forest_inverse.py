@@ -271,6 +271,21 @@ def smallest_accelerations(terms: InverseTerms, given: Array, free: Array) -> Ar
     return found
 
 
+def nearest_accelerations(terms: InverseTerms, given: Array, free: Array) -> tuple[Array, Scalar]:
+    """Return what `smallest_accelerations` does, traceable, and the part of the accelerations asked for that is left.
+
+    Args:
+        terms: at the forest's state.
+        given: (n_v,) accelerations, wished ones of the free joints.
+        free: (n_v,) 1 for these joints, 0 for the others.
+    """
+    missing = terms.r - terms.on_qd @ given
+    change = free * shortest_solution(terms.on_qd * free, missing, NULL_SINGULAR_VALUE)
+    left = [*(terms.on_qd @ change - missing)]
+    sizes = reduce(maximum, [abs(x) for x in missing], 1.0)
+    return given + change, reduce(maximum, [abs(x) for x in left], 0.0) / sizes
+
+
 def _at_points(motion: ForestMotion, qdd: Array) -> list[Array]:
     """Return accelerations per body, of free bodies those of their mass centres."""
     rates = [qdd[part] for part in motion.forest.velocities]
