@@ -37,6 +37,7 @@ def test_a_run_is_a_function_of_its_seed(run):
         assert x.tobytes() == again["arrays"][name].tobytes(), name
 
 
+@pytest.mark.slow
 def test_all_that_is_recorded_is_compared(run):
     """Whatever array is changed by 1e-8 of its size, early or late, or is missing, that is said."""
     assert differences(run, copy.deepcopy(run)).failures == {}

@@ -18,6 +18,7 @@ from tests.systems.humanoid import humanoid
 from tests.systems.standing import humanoid_with_box
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [*mostly_slow(range(8), (4,)), *mostly_long(range(8, 30), ())])
 def test_random_forests(seed):
     """Ten families, of which a third is over-constrained and a third of the joints has no drive, as the reference."""

@@ -13,6 +13,7 @@ from holdfast.gym.task import BatchFunction
 from tests.compiled.problems import chain_named, compiled, forces, numbers
 from tests.compiler.programs import all_same_bits
 from tests.compiler.started_threads import started_threads
+from tests.longer import mostly_slow
 from tests.simulation.rollout.problems import problem, started, swinging
 
 COUNT = 5 * cpu.lanes() + 3  # six blocks
@@ -95,7 +96,7 @@ def function_of_a_task() -> Ask:
 KINDS = [forward_dynamics, kinetic_energy, gradients, law, rollout, recorded, tape, function_of_a_task]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", mostly_slow(KINDS, [*KINDS][:3]))
 def test_bits(kind, monkeypatch):
     """One thread, two, five, and as many as a machine of three processors is worth: the same bits."""
     started_here = started_threads(monkeypatch, processors=3, least_work=1)

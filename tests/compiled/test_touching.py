@@ -163,7 +163,7 @@ def test_c_has_the_same_bits(tmp_path):
         assert np.array_equal(found[name], true.array(name)), name
 
 
-@pytest.mark.parametrize("touching", [False, True])
+@pytest.mark.parametrize("touching", mostly_slow([False, True], [False]))
 def test_a_free_object(touching):
     """Without arms: one system, a batch and the reference agree, and a run by steps takes whole steps of it."""
     box = hf.HeldObject.box(2.0, 0.3, 0.2, 0.1)

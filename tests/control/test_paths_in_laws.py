@@ -63,6 +63,7 @@ def test_joints_follow_their_path(kind):
     assert kind == "timed" or off[True] > 0.02
 
 
+@pytest.mark.slow
 def test_refused_paths():
     """A path of the object is none of joints; other numbers of joints are named."""
     path, _, timed = paths()

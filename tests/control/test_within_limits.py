@@ -44,6 +44,7 @@ def lift(state, height=0.1, duration=0.5):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kinds",
     [

@@ -49,6 +49,7 @@ def assert_derivatives_are_differences(p: Problem, tolerance: float = 1e-8) -> N
         assert one_way == pytest.approx(other_way, rel=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trunk", [False, True])
 def test_against_differences(trunk):
     """The wrench of a bushing varies with everything that moves its ends."""

@@ -56,6 +56,7 @@ def test_smallest_forces(name):
     assert np.abs(null @ (w * f)).max() < 1e-10 * np.abs(w * f).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", mostly_slow(MECHANISMS, {*MECHANISMS} - {"Bricard"}))
 def test_smallest_forces_of_mechanisms(name):
     """Of every kind of grasp: no part that nothing feels, by singular vectors. Any other forces lead back to them.

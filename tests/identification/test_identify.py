@@ -91,6 +91,7 @@ def test_noisy_recordings(model, swung, by, seeds):
     assert np.mean(distances) == pytest.approx(10.3, abs=4 * np.sqrt(20 / seeds))  # 10 of a covariance that is known
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", mostly_slow(BY, ("tau",)))
 def test_the_rows_as_they_are_called(model, swung, by):
     """One of these by the public function: the same noise gives the same, and the region holds the truth."""

@@ -241,6 +241,7 @@ def bases():
     return {"a": hf.Pose.translation(-0.5, 0, 0), "b": hf.Pose.from_rpy(0, 0, np.pi, [0.5, 0, 0])}
 
 
+@pytest.mark.slow
 def test_refusals(problem, monkeypatch):
     """Whatever is not there, or not a number, is named."""
     fast, values = problem

@@ -137,6 +137,7 @@ def test_a_broken_export_leaves_what_was_there(saved, tmp_path):
         export_csv(result, tmp_path / "nowhere" / "run.csv")
 
 
+@pytest.mark.slow
 def test_a_long_run_is_not_held_in_memory(tmp_path):
     """Four times the chunks take no more memory."""
     peaks = []

@@ -217,6 +217,7 @@ def still(seed: int, kind: str) -> Problem:
     return replace(pinned(p, (kind,), seed, moving=False), inputs=hf.Inputs())
 
 
+@pytest.mark.slow
 def test_a_batch_and_bound_arrays():
     """Machine code of many systems at once, and bound to arrays, with the anchor elsewhere for each."""
     p = still(1, "ball")

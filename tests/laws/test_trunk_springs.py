@@ -69,6 +69,7 @@ def test_balances(floating):
         assert np.abs(run.momentum - run.momentum[0]).max() < 1e-11 * np.abs(run.momentum).max()
 
 
+@pytest.mark.slow
 def test_one_chain_in_two_ways():
     """Springs on an arm's links and on those of a trunk that are the same bodies."""
     alone, on_trunk = one_long_arm(5, 3)

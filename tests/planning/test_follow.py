@@ -53,6 +53,7 @@ def require_laws(plan, path):
     assert found.object_acceleration == pytest.approx(target.acceleration, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", mostly_slow(["panda", "gen3"], ["panda"]))
 def test_laws(robot):
     """Two arms along a turn and a shift: closed, on the path, at rest at both ends, with consistent derivatives."""

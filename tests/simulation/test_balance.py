@@ -97,6 +97,7 @@ def shaken():
     return p.chain, run(0.001), run(0.002)
 
 
+@pytest.mark.slow
 def test_momentum_balances(shaken):
     """Momentum changes by bases, weights and wrenches alone; what is left falls with the step's fourth power."""
     _, fine, coarse = shaken

@@ -111,6 +111,7 @@ RUNS = {
 EVENTFUL = mostly_slow(["rk4"], ()) + mostly_long(["dop853"], ())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*mostly_slow([*RUNS][2:], ["wrenches of the state"]), *EVENTFUL])
 def test_going_on_changes_no_bit(name):
     """From any checkpoint, through disk, the rest of the run is bit for bit what it was."""

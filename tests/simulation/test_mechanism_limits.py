@@ -152,6 +152,7 @@ def gripped(**contact):
     return replace(p.chain, grasps=grasps), p, key
 
 
+@pytest.mark.slow
 def test_margins_by_frames():
     """The margin of a grasp by a frame is the least of its conditions on the wrench in contact axes."""
     chain, p, key = gripped(wrench_limits=hf.WrenchLimits(force=60.0, moment=8.0))
@@ -165,6 +166,7 @@ def test_margins_by_frames():
     assert np.isinf(np.delete(run.margin, i, axis=1)).all()
 
 
+@pytest.mark.slow
 def test_a_loop_that_gives_way():
     """A parallelogram's pin that is too weak ends the run, and cannot be released."""
     chain, state, tau = palletiser()

@@ -188,6 +188,7 @@ def test_machine_code_beside_the_constraint():
         assert np.isnan(many.qdd[0]).all() and np.abs(many.qdd[1] - exact.qdd).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", mostly_long([0.0, 1e-12, 1e-10, 1e-8, 1e-7], [1e-12, 1e-7]))
 def test_velocities_beside_the_constraint(gap):
     """Positions that are a little off stop no motion: the dependent row is left out, as where the grasps are closed."""

@@ -71,6 +71,7 @@ def moving(run):
     return hf.simulate(chain, state, controller, 0.004, 0.002, base_motion=motion), motion
 
 
+@pytest.mark.slow
 def test_from_two_files_to_everything(run, tmp_path):
     """A folder, tables, an MCAP file, a page and figures, a line each."""
     for extra in ("matplotlib", "viser", "mcap_ros2"):

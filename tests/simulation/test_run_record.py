@@ -41,6 +41,7 @@ def lift(duration=0.1, **options):
     return hf.simulate(chain, state, law, duration, STEP, **given)
 
 
+@pytest.mark.slow
 def test_every_sample_is_one_of_all():
     """Arrays of a run with fewer samples are those of the whole run, and lowest margins are those since the last."""
     whole, some = lift(), lift(every=7)
@@ -190,6 +191,7 @@ def eventful():
     return [(run.require_setting().chain, run) for run in (sampled, falls)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [1, 2, 3, 5, 17])
 def test_summary_of_parts(cut, eventful):
     """The summary of a run in parts is that of the whole, to the bit, also across jumps."""

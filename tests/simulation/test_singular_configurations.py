@@ -39,6 +39,7 @@ def energy_error(run) -> float:
     return float(np.abs(energy - energy[0]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "controller"), [SOON[0], *mostly_slow(SOON[1:], ()), *mostly_long(LATER, ())])
 def test_a_run_stops_before_a_singular_configuration(options, controller):
     """To a millionth of a second of the instant on paper, whatever the scheme, with ranks and what is lost."""

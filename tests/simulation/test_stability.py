@@ -98,6 +98,7 @@ def test_slope_of_friction():
     assert friction_slope(size, np.zeros(3)) == pytest.approx(size / SMOOTHING_RATE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "used"), mostly_slow([("rk4", 0.9 * 2.7852935634), ("midpoint", 1.8)], [("midpoint", 1.8)])
 )

@@ -325,6 +325,7 @@ def test_instants_under_a_function(seed):
         assert abs(a.t - b.t) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_controller_that_fails():
     """The samples before are kept, and its own error is raised, as when it is asked one by one."""
     chain, state = facing_pandas()

@@ -94,6 +94,7 @@ def test_again_from_the_folder_alone(folder, tmp_path, cli):
     assert found["quantiles"]["object_pose z [m]"][::4] == [heights.min(), heights.max()]
 
 
+@pytest.mark.slow
 def test_the_run_is_shown(folder, tmp_path):
     """The viewer's page of a run that was taken again."""
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")

@@ -29,6 +29,7 @@ def test_against_dual_numbers(seed):
     assert found.unique is None or (found.error <= 1e-9 and found.adjoint <= 1e-12), found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "times"), mostly_slow([(3, 2.0), (5, 2.0), (9, 2.2)], [(3, 2.0)]))
 def test_cost_of_a_gradient(seed, times):
     """With a gradient by q, qd and tau, forward dynamics takes twice its operations; a tree with one closure, 2.2."""

@@ -47,6 +47,7 @@ def test_differences_of_motions(name):
         assert gap((found.coordinates(after) - found.coordinates(before)) / 2, unit) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", mostly_slow(["an arm that holds nothing", "anchors"], ["anchors"]))
 def test_as_serial_chains(name):
     """What torques do to the joints, and later through A, is as in the serial chain, whatever the coordinates."""

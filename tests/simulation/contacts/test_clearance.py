@@ -8,6 +8,7 @@ from tests.longer import mostly_slow
 from tests.systems.clearance_slider import slider_chain, true_impacts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spin", mostly_slow([0.0, 5.0, -20.0], [5.0]))
 def test_three_impacts(spin):
     """Instants, corners, angles and rates after them are those of Lagrange's equations and Coulomb's law, to 1e-6."""

@@ -104,6 +104,7 @@ def none(t, state, memory):
     return np.zeros(0), memory
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed",
     [0, pytest.param(1, marks=pytest.mark.slow), *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 60))],

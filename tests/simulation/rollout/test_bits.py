@@ -82,6 +82,7 @@ def test_parameters_by_system():
         assert same(alone, systems.copy([row]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [1, 3, 25])
 def test_records(every):
     """What is recorded does not depend on how often it is, the last portion may be shorter."""

@@ -213,6 +213,7 @@ def test_memory_moves_once_a_step():
     assert same(twice, at_once)
 
 
+@pytest.mark.slow
 def test_a_changed_law_is_the_references():
     """The reference, begun anew with the memory that the last torques came from, takes the same step."""
     rollout, state = integrating()

@@ -152,6 +152,7 @@ def test_singular_at_the_start(first):
     assert list(alone.status) == [RolloutStatus.SINGULAR]
 
 
+@pytest.mark.slow
 def test_too_long_a_step():
     """A step that leaves a grasp open by more than a centimetre is refused, for that system only."""
     rollout, (_, state) = swinging("legs"), problem("legs")
@@ -201,6 +202,7 @@ def test_quaternion_of_no_length():
     assert list(rollout.start(**given).status) == [RolloutStatus.BROKEN, RolloutStatus.RUNNING]
 
 
+@pytest.mark.slow
 def test_torques_that_are_no_numbers():
     """They break the step they are given to: the state stays."""
     rollout = parallelogram()

@@ -343,6 +343,7 @@ def damped():
     return chain, state, compile_rollout(chain, LAW, scheme="midpoint")
 
 
+@pytest.mark.slow
 def test_as_simulate(damped):
     """Steps of 20 ms are implicit, steps of 1 ms are not, side by side."""
     chain, state, rollout = damped

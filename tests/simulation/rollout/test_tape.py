@@ -169,6 +169,7 @@ def test_standing_still(rolled):
         tape.vjp({"memory": np.zeros((SYSTEMS, 9))}, {name: 1.0 + x for name, x in along.items()}, by=NAMES)
 
 
+@pytest.mark.slow
 def test_refusals(rolled):
     """Names and shapes that mean nothing are named."""
     tape = rolled.tape({}, 0.0)
