@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from tests.longer import mostly_slow
 from tests.surface import PUBLIC
 from tests.systems.branched import Branched, two_arms_with_grippers
 
@@ -129,7 +130,7 @@ def arguments(of: Any, given: dict[str, Any], p: Branched) -> dict[str, Any]:
 CALLS = calls()
 
 
-@pytest.mark.parametrize("path", CALLS)
+@pytest.mark.parametrize("path", mostly_slow(CALLS, {*CALLS} - {"codegen.export_c"}))
 def test_answered_or_refused_by_name(path):
     """No traceback, and no number that belongs to another chain."""
     of, given = PUBLIC[path], CALLS[path]
