@@ -46,7 +46,7 @@ def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> A
 def across_tips(chain: ClosedChain, state: State, grasp_wrench: Array) -> Array:
     """Return the grasp wrenches in tip axes, without checks; see `wrist_wrenches`."""
     tips = tip_frames(chain, state, chain.names)
-    return array(each(lambda tip, f: unrotate(tip.R, f), tips.values(), grasp_wrench))
+    return array(each(lambda tip, f: unrotate(tip.R, f), tips.values(), grasp_wrench)).reshape(-1, 6)
 
 
 @np.errstate(all="ignore")  # what overflows is refused below

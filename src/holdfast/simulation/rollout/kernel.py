@@ -39,7 +39,7 @@ from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 
-CARRIED_OF_JOINTS = ("q", "qd", "qdd", "drive")
+ALWAYS_CARRIED = ("q", "qd", "qdd", "drive", "grasp_wrench", "base_wrench")  # also without joints or grasps
 STEP_INPUTS = ("begin", "step", "held", "least_margin", "least_joint_margin", "search")
 STEP_PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
 
@@ -47,7 +47,7 @@ STEP_PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "obje
 def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dict[str, Shape]:
     """Return the shapes of the arrays that a system carries between two steps, by name.
 
-    Arrays without entries are left out, except those of the joints.
+    Arrays without entries are left out, except those that every run records.
 
     Args:
         chain: the chain.
@@ -66,7 +66,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dic
     found |= {stage_values.ASKED: stage_values.asked_shape(chain, options.stages)} if options.stages else {}
     if options.held:  # for velocity and, if they differ, for position; see `dynamics.closed.held_rows`
         found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
-    return {name: shape for name, shape in found.items() if math.prod(shape) or name in CARRIED_OF_JOINTS}
+    return {name: shape for name, shape in found.items() if math.prod(shape) or name in ALWAYS_CARRIED}
 
 
 def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:

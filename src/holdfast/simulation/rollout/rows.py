@@ -81,14 +81,14 @@ def instant_of(systems: Systems, row: int, at: StageInputs) -> Instant:
     """
     x = {name: array[row].copy() for name, array in systems.items()}
     tau, memory = (x["drive"], x.get("memory", at.memory)) if at.tau is None else (at.tau, at.memory)
-    chain, state, rank, no_grasp = at.chain, state_of(systems, row), int(x["rank"]), np.zeros((0, 6))
+    chain, state, rank = at.chain, state_of(systems, row), int(x["rank"])
     found = ForwardResult(
         chain,
         x["qdd"],
-        x.get("grasp_wrench", no_grasp),
+        x["grasp_wrench"],
         x["object_acceleration"],
         x.get("contact_acceleration", np.zeros(0)),
-        x.get("base_wrench", no_grasp),
+        x["base_wrench"],
         rank,
         chain.velocity_count + chain.contact_freedom_count - rank,
         Status.OK if rank == chain.constraint_row_count else Status.INDETERMINATE_FORCES,
