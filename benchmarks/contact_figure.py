@@ -99,9 +99,14 @@ def table(found: list[Course]) -> str:
     for who, of in by.items():
         fall, arms = of["table"], of.get("arms")
         own = depth(fall.gap.min()), depth(fall.gap[-1]), f"{after_impact(of['edge']):.3f}"
-        with_arms = ("-", "-") if arms is None else (depth(arms.gap.min()), f"{1e6 * arms.cost:,.0f}")
-        rows.append((who, f"{creep(of['slope']):.1e}", *own, with_arms[0], f"{1e6 * fall.cost:,.0f}", with_arms[1]))
+        with_arms = ("-", "-") if arms is None else (depth(arms.gap.min()), costs(arms))
+        rows.append((who, f"{creep(of['slope']):.1e}", *own, with_arms[0], costs(fall), with_arms[1]))
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def costs(one: Course) -> str:
+    """Return the processor time of a step [us], and of one of many systems in brackets."""
+    return f"{1e6 * one.cost:,.0f}" + (f" ({1e6 * one.together:,.1f})" if one.together is not None else "")
 
 
 def depth(gap: float) -> str:

@@ -18,6 +18,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.world import HalfSpace, Sphere, Touching
 
 STEP, G, RADIUS, MU, TILT = 1e-3, 9.81, 5e-3, 0.5, np.radians(15.0)
+MANY = 512  # systems that a rollout takes together
 EDGES, MASS = np.array([0.2, 0.2, 0.1]), 1.0  # m, kg
 LEAN, SPEED = 0.3, 1.0  # rad, m/s: of the box that strikes with an edge
 PRESS = 5e-3  # m below the table, where the arms' impedance rests
@@ -54,6 +55,7 @@ class Course(NamedTuple):
         gap: (steps,) of the lowest point [m].
         force: (steps,) net normal force of the plane [N].
         cost: processor time of a step [s].
+        together: the same of each of `MANY` systems; None if it was not tried.
     """
 
     who: str
@@ -63,6 +65,7 @@ class Course(NamedTuple):
     gap: Array
     force: Array
     cost: float
+    together: float | None = None
 
     @property
     def t(self) -> Array:
@@ -115,19 +118,20 @@ def by_holdfast(scene: Scene) -> Course:
 
 
 def rolled_out(name: str, rollout: hf.simulation.Rollout, state: hf.State, duration: float, normal: Array) -> Course:
-    """Return the steps of a rollout of one system; its cost includes the law."""
-    recorded = ("object_pose", "object_twist", "touch_force", "touch_gap")
+    """Return the steps of a rollout of one system; costs are those without a record, and include the law."""
+    recorded, steps = ("object_pose", "object_twist", "touch_force", "touch_gap"), round(duration / STEP)
 
-    def run() -> Any:
-        systems = rollout.start(state.q, state.qd, state.object_pose, state.object_twist)
-        return rollout.run(systems, duration, STEP, record=recorded)
+    def start(count: int) -> Any:
+        return rollout.start(np.tile(state.q, (count, 1)), state.qd, state.object_pose, state.object_twist)
 
-    run()  # compiled
-    begun = time.process_time()
-    record = run()
-    cost = (time.process_time() - begun) / round(duration / STEP)
+    def cost(count: int) -> float:
+        systems, begun = start(count), time.process_time()
+        rollout.step(systems, STEP, steps=steps, threads=1)
+        return (time.process_time() - begun) / (steps * count)
+
+    record = rollout.run(start(1), duration, STEP, record=recorded)
     pose, twist, force, gap = (record[each][1:, 0] for each in recorded)
-    return Course("holdfast", name, pose, twist, gap.min(axis=1), force.sum(axis=1) @ normal, cost)
+    return Course("holdfast", name, pose, twist, gap.min(axis=1), force.sum(axis=1) @ normal, cost(1), cost(MANY))
 
 
 def hardened(model: Any, mujoco: Any) -> None:
