@@ -59,8 +59,8 @@ def compile_rollout(
         ModelError: the scheme is unknown or adaptive, a parameter of the law has the name of another argument, a base
             motion belongs to no arm, the inputs are not a function of (t) or (t, state), or one of these functions
             depends on more than its arguments.
-        MethodNotApplicable: the chain is no chain of serial arms, or its contacts need another scheme or have no machine
-            code.
+        MethodNotApplicable: the chain is no chain of serial arms, or its contacts need another scheme or have no
+            machine code.
         StateError: an optional group of arguments is unknown, or `generic_rank` is not a rank.
         CompileError: (at the first start) the law, a base motion or the inputs cannot be traced; the message names the
             line.
