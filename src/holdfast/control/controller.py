@@ -291,9 +291,7 @@ def _shape(name: str, shape: Sequence[int]) -> Shape:
 
 
 def held_torques(joint_count: int) -> ControlLaw:
-    """Return the law whose torques are its parameter `tau`, constant during each step; without joints it has none."""
-    if not joint_count:
-        return ControlLaw(lambda t, state, memory, given: (np.zeros(0), memory), key="none")
+    """Return the law whose torques are its parameter `tau`, constant during each step."""
     return ControlLaw(_held, parameters={"tau": (joint_count,)}, key="held")
 
 
@@ -304,7 +302,7 @@ def controller_of(joint_count: int, given: Controller | ControlLaw | None) -> Co
         ModelError: it is not a function of three arguments.
     """
     if given is None and not joint_count:
-        return held_torques(0)
+        return ControlLaw(lambda t, state, memory, given: (np.zeros(0), memory), key="none")
     require_controller(given)
     assert given is not None
     return given

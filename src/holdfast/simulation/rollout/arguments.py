@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -121,10 +122,13 @@ def kernel_arguments(kernel: StepKernel, given: Mapping[str, Array]) -> tuple[di
                 " that `start` of this rollout returned"
             )
     for name, shape in kernel.law.parameters.items():
-        if f"control.{name}" not in inputs:
+        if f"control.{name}" in inputs:
+            continue
+        if math.prod(shape):
             raise StateError(
                 f"the control law's parameter '{name}' is missing: expected shape {shape}; try start(..., {name}=...)"
             )
+        inputs[f"control.{name}"] = np.zeros(shape)  # such as the torques of no joint
     return inputs, parameters
 
 
