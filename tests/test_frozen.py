@@ -180,6 +180,7 @@ def writes(x: Any) -> list[Any]:
     return [x.clear]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", COPIES)
 def test_nothing_can_be_written(way):
     """Every public dataclass, itself, copied, and pickled."""

@@ -119,6 +119,7 @@ def test_moved_as_a_whole():
     assert there.q == pytest.approx(here.q, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_mechanisms():
     """The platform comes to rest level with its drives at mid stroke; the hand pinches at the middle of its range."""
     chain, state = assemble(*stewart_platform())

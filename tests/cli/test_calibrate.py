@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import holdfast as hf
 
@@ -28,6 +29,7 @@ def written(folder: Path, spoiled: float) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_table_of_postures(tmp_path, cli):
     good, bad = written(tmp_path, 0.0), written(tmp_path, 0.05)
     options = ["--model", SCENE, "--noise", "1e-4", "1e-4", "1e-4", "--held-out", good]

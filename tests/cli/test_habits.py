@@ -45,6 +45,7 @@ def test_a_scene_on_stdin_with_keys_set(stdin, tmp_path, monkeypatch, document, 
     )
 
 
+@pytest.mark.slow
 def test_stdin_is_told_apart(stdin, document):
     """`diagnose -` takes a scene, and cases."""
     stdin(EXAMPLE.read_bytes())

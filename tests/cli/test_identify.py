@@ -37,6 +37,7 @@ def scene(tmp_path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_recording(scene, tmp_path, cli):
     """The friction that it has, predicted samples, and a page that needs nothing else."""
     pytest.importorskip("matplotlib")

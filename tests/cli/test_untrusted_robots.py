@@ -91,6 +91,7 @@ def test_a_result_that_keeps_no_robot(folder, result, cli):
     assert (folder / "proof").exists()
 
 
+@pytest.mark.slow
 def test_a_result_names_files_of_its_own_only(result, cli):
     """A meta.json cannot make anyone read, or remove, a file elsewhere."""
     meta = json.loads((result / "meta.json").read_text())

@@ -64,6 +64,7 @@ def test_routes(method):
         assert fast.operation_count > compiled(name, "mass_matrix").operation_count
 
 
+@pytest.mark.slow
 def test_parts_by_name():
     """`result[arm]` in a batch has a leading axis; mobility follows from the rank."""
     chain, fast = chain_named("all kinds"), compiled("all kinds")

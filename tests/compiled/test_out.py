@@ -193,6 +193,7 @@ def test_subclasses_without_a_mask(fast, given, tmp_path):
         assert all_same_bits(outputs(result), outputs(expected))
 
 
+@pytest.mark.slow
 def test_what_a_question_does_not_admit_is_refused_every_time():
     """Arms that hold nothing bear nothing, also where a call repeats its `out` and could run in machine code."""
     fast = compiled("rows first")

@@ -119,6 +119,7 @@ def stretched(batch: int) -> tuple[ClosedChain, Given, np.ndarray]:
     return p.chain, many, bent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False])
 def test_singular_systems(known):
     """Singular systems of a batch: statuses exact, no numbers; the others as in a clean batch, and nothing raised."""
@@ -136,6 +137,7 @@ def test_singular_systems(known):
     assert again.status.tolist() == [OK if x else SINGULAR for x in bent]
 
 
+@pytest.mark.slow
 def test_singular_and_invalid():
     """What is not finite is INVALID, even where the configuration is singular."""
     chain, given, bent = stretched(12)
@@ -210,6 +212,7 @@ def test_too_high_a_rank():
         fast.forward_dynamics(**problems.given_by(p))
 
 
+@pytest.mark.slow
 def test_rank_is_sought_once(monkeypatch):
     """The neighbours are visited when a rank is low for the first time, and never for chains of full rank."""
     from holdfast.dynamics import rank

@@ -112,6 +112,7 @@ def test_bits(kind, monkeypatch):
     assert started_here == []
 
 
+@pytest.mark.slow
 def test_small_batches(monkeypatch):
     """A hundred states of two arms, and a few steps of some systems: on the caller's thread unless told otherwise."""
     started_here = started_threads(monkeypatch, processors=64)

@@ -119,6 +119,7 @@ def test_forces_that_are_not_found():
         warm.forward_dynamics(*arguments(state, -10.0 * tau), touch_start=1e3 * np.eye(4, 3))
 
 
+@pytest.mark.slow
 def test_refusals():
     """What contacts with the world are not built in says so."""
     chain, state, tau = on_a_table()

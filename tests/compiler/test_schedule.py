@@ -49,6 +49,7 @@ def check(schedule: Schedule, kernel: ArrayKernel, systems: list[dict[str, np.nd
     return [float(results[schedule.status]) for results in expected] if schedule.status else []
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(schedules(), st.sampled_from([2, 4, 8]), st.integers(0, 2**32), st.booleans(), st.booleans(), st.booleans())
 def test_same_bits(schedule, lanes, seed, wild, shared, short):

@@ -46,6 +46,7 @@ def moving(seed: int) -> hf.State:
     return hf.State(q, random.normal(size=N), STATE.object_pose, random.normal(size=6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_called_as_a_controller(name):
     """The torques to rounding, and the memory that it was given."""

@@ -211,6 +211,7 @@ def test_a_load_that_nothing_bears():
             torques()
 
 
+@pytest.mark.slow
 def test_in_a_run():
     """A law like any other: under its torques an object at rest stays."""
     chain, state = two_pandas()

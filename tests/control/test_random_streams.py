@@ -42,6 +42,7 @@ def test_streams_are_so_many_jumps_apart():
     assert (stream_states(8, [0]) != found[0]).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 8, 41])
 def test_normal_distribution(count):
     """Mean, variance and shape of 40,000 numbers, of one stream and of the first numbers of many."""

@@ -187,6 +187,7 @@ def test_bang_bang():
     np.testing.assert_allclose(np.abs(forces), 20.0, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_trapezoid():
     """With a rate limit r that is reached at a node: way / r + m r / F."""
     chain, state, mass = slide(rate=np.sqrt(2.0 * 4.0 * 0.1))
@@ -198,6 +199,7 @@ def test_trapezoid():
     assert {next(iter(by)) for by in fast} == {f"{chain.joint_names()[0]} rate"}  # the first has the largest share
 
 
+@pytest.mark.slow
 def test_acceleration_limits():
     """Of joints: 2 sqrt(way / a), where acceleration and braking may differ: sqrt(2 way (1 / a + 1 / d))."""
     chain, state, _ = slide()

@@ -225,6 +225,7 @@ def test_joints_keep_their_limits():
     assert runs[1].object_pose == pytest.approx(runs[0].object_pose, abs=2e-4)  # torques are held for 2 ms
 
 
+@pytest.mark.slow
 def test_the_integral_does_not_wind_up():
     """Where the normal force is at its limit, the memory of the integral is what was achieved."""
     forces = HybridForce(500.0, 1e-3, InternalForce(20.0))

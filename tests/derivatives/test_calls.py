@@ -202,6 +202,7 @@ def test_out():
         fast.forward_dynamics_vjp(**own, **cotangents[1], by=("q",), out=first)
 
 
+@pytest.mark.slow
 def test_out_by_the_builtin(monkeypatch):
     """From the second call with the same `out` on, the Python code is left out, for the bits of a new result."""
     p, _ = one_arm()

@@ -174,6 +174,7 @@ def test_rates_are_five_point_differences():
     assert relative_gap(found.tau, differences) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), BITS)
 def test_bits(name, kind):
     """One system, a batch of any size, its tail, and threads."""
@@ -300,6 +301,7 @@ def test_invalid_systems():
         fast.potential_energy.vjp(q[0], of.p.state.object_pose, by=["q"], potential_energy=np.inf)
 
 
+@pytest.mark.slow
 def test_names_and_shapes_that_do_not_fit_are_refused():
     of = function_case("inverse_dynamics", "plain")
     fast, n = alone(of.p.chain), of.p.chain.joint_count

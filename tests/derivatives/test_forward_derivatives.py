@@ -289,6 +289,7 @@ def resting(where: str, trunk: str | None) -> Problem:
     return Problem(replace(p.chain, gravity=np.zeros(3)), state, 0.0 * p.tau, hf.Inputs())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["at rest", "at zero"])
 def test_at_rest_by_the_reference(where):
     """Every rate and force exactly zero; or every joint at exactly zero with them: where square roots vanish."""

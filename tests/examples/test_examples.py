@@ -46,6 +46,7 @@ def test_the_ladder():
         assert f"]({path.name})" in table
 
 
+@pytest.mark.slow
 def test_one_arm(run):
     """The hand carries the weight; without drives it gives m (a - g), and energy is kept."""
     found, printed = run("01")

@@ -62,6 +62,7 @@ def test_hand_on_arm():
     assert run.margin.min() > 3.0
 
 
+@pytest.mark.slow
 def test_free_flyer():
     """Two hands grip in flight at a difference of velocities: energy is lost, momentum not at all."""
     scene = load_scene(EXAMPLES / "free_flyer.toml")

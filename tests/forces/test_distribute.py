@@ -332,6 +332,7 @@ def test_sampled_limits():
     assert kept.qdd[j] <= bound * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_continuous_through_the_border():
     """Half the step in the acceleration is half the step in the torques, from what is possible to what is not."""
     chain, state = rubber_pandas(0.8)

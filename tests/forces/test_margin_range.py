@@ -93,6 +93,7 @@ def hinged(seed: int) -> Problem:
     return regrasped(replace(p, chain=replace(p.chain, arms=arms)), edges)
 
 
+@pytest.mark.slow
 def test_edges_of_planar_arms():
     """In the plane the forces are given; best is what slides or tips least for want of the rest."""
     p = hinged(2)

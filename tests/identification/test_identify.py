@@ -51,6 +51,7 @@ def far(found: hf.identification.Identification) -> float:
     return float(off @ np.linalg.solve(found.covariance[:10, :10] / np.outer(sizes, sizes), off))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", BY)
 def test_exact(model, short, by):
     """Without noise the payload comes back, however wrong the model is."""

@@ -129,6 +129,7 @@ def solved():
     return hf.compile(p.chain), state | {"tau": np.asarray(p.tau)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [None, 3])
 def test_gradient_of_forward_dynamics(solved, batch):
     """Of one system, and of several that share all but their torques."""

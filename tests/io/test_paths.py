@@ -106,6 +106,7 @@ def writers(folder: Path) -> dict:
     }
 
 
+@pytest.mark.slow
 def test_none_is_left_out(tmp_path):
     """Every public function with a path among its arguments is tried here."""
     tried = {function.__name__ for function in (*readers(tmp_path / "a"), *writers(tmp_path / "b"))}

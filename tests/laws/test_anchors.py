@@ -173,6 +173,7 @@ def test_spherical_pendulum():
     assert relative_gap(free[:3, :3], np.linalg.inv(inertia)) <= 1e-13 and np.abs(free[3:]).max() <= 1e-14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", ["simulate", "rollout"])
 def test_period_of_a_hinged_pendulum(steps):
     """Released from rest, a body on a hinge is back after T = 4 sqrt(I / m g r) K(sin(h / 2)), h its height's angle."""
@@ -253,6 +254,7 @@ def test_a_run(kind):
     assert_rollout_is_run(p.chain, p.state, 0.02, relative_to_energy=True)
 
 
+@pytest.mark.slow
 def test_let_go_and_gripped():
     """An anchor lets go and grips again where the object is then, by the impulse that all grasps share."""
     p = still(3, "ball")

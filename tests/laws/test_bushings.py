@@ -202,6 +202,7 @@ def oscillator(stiffness, damping=None, *, pose=None, gravity=(0, 0, 0)) -> Prob
     return Problem(chain, state, np.zeros(0), hf.Inputs())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", ["simulate", "rollout"])
 def test_damped_oscillator(steps):
     """m x'' + c x' + k x = 0 along each axis, each at its own rate."""

@@ -140,6 +140,7 @@ def test_derivatives():
     assert_derivatives_are_differences(magnetic(moving_base=True), 1e-7)
 
 
+@pytest.mark.slow
 def test_machine_code():
     """Compiled forward dynamics and energy are the reference's, and those of another strength are compiled anew."""
     p = magnetic()

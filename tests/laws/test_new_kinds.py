@@ -136,6 +136,7 @@ def truth(problem):
     )
 
 
+@pytest.mark.slow
 def test_state_is_closed(truth):
     """The oracle's own constraints hold, in position and rate."""
     assert np.abs(truth["gap"]).max() < 1e-14

@@ -121,6 +121,7 @@ def still_bases(seed: int, *, damped: bool, joints=(4, 3)) -> tuple[hf.ClosedCha
     return with_springs(p.chain, seed, damped=damped), p.state, p.tau
 
 
+@pytest.mark.slow
 def test_machine_code():
     """Forward dynamics and energy, one system and many; an arm with a spring is of another type than its twin."""
     chain, state, tau = still_bases(3, damped=True, joints=(4, 3, 4))

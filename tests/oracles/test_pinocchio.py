@@ -116,6 +116,7 @@ def test_two_pandas_hold_a_box():
     assert max(worst(gaps).values()) <= CHAIN_TOLERANCE
 
 
+@pytest.mark.slow
 def test_three_random_arms_hold_an_object():
     """The same for three arms of 7 to 9 joints, prismatic ones among them, with armature."""
     gaps = []

@@ -69,6 +69,7 @@ def test_laws(robot):
     assert plan.q[-1] == pytest.approx(finer.q[-1], abs=2e-3)  # the path, not its sampling, decides
 
 
+@pytest.mark.slow
 def test_at():
     """Between samples the joint path is smooth and nearly closed, and it rests before and after."""
     chain, state = two_arms("panda")
@@ -283,6 +284,7 @@ def test_refusals_are_true():
     assert 0 < refused < 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shift", "said"),
     [
@@ -335,6 +337,7 @@ def test_refused_questions():
         hf.follow(pinned, hf.State([], [], Pose.identity()), path, 2.0, 0.05)
 
 
+@pytest.mark.slow
 def test_a_path_that_leaps():
     """A path that is not continuous is refused where it leaps."""
     chain, state = two_arms("panda")

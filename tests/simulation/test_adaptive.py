@@ -175,6 +175,7 @@ def swing(rtol, controller, knots=(0.08,)):
     return found
 
 
+@pytest.mark.slow
 def test_tolerance_is_met():
     """A thousandth of the tolerance: a thousandth of the error, about, for few more steps."""
     runs = [swing(rtol, lambda t, s, m: (np.cos(9 * t) * np.ones(3), m), (0.12,)) for rtol in (1e-6, 1e-9, 1e-12)]

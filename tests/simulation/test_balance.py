@@ -107,6 +107,7 @@ def test_momentum_balances(shaken):
     assert left[1] > 8 * left[0]
 
 
+@pytest.mark.slow
 def test_samples_hold_what_they_say(shaken):
     """Each derived array is what its function gives for the sample's state and forces."""
     chain, run, _ = shaken

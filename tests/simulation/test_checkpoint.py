@@ -131,6 +131,7 @@ def test_going_on_changes_no_bit(name):
         assert checkpoints[k].occurrences + rest.occurrences == whole.occurrences
 
 
+@pytest.mark.slow
 def test_going_on_from_the_end():
     """There is nothing left: no samples, of the right shapes."""
     given, _ = eventful()

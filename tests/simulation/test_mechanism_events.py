@@ -53,6 +53,7 @@ def test_attach_and_release():
     assert run.position_gap[:, 1].max() < 1e-12
 
 
+@pytest.mark.slow
 def test_a_grasp_that_was_open_at_the_start():
     """A grasp that an event closes has a row from the start, which is zero until then."""
     p = branched_problems()["grippers"]

@@ -87,6 +87,7 @@ def test_from_two_files_to_everything(run, tmp_path):
     assert repr(run) == "<Trajectory run 'lift' of left, right: 4 samples, 0 to 0.006 s, complete>"
 
 
+@pytest.mark.slow
 def test_comes_back(run, tmp_path):
     """The folder has every bit of arrays and chain; what is read from it writes the same files."""
     result = hf.load_result(run.save(tmp_path / "run"))

@@ -110,6 +110,7 @@ def test_memory_moves_on_once_a_step():
     assert [t for t, _ in late] == pytest.approx([0.005, 0.005, 0.01, 0.01, 0.015, 0.015, 0.02, 0.02])
 
 
+@pytest.mark.slow
 def test_flat_parallelogram_stops_the_run():
     """Cranks at constant rate reach the flat position: the run ends there and says so."""
     rate, step = 0.7, 0.01
@@ -136,6 +137,7 @@ def test_diverging_run_stops():
     assert "\n" not in run.stopped
 
 
+@pytest.mark.slow
 def test_torques_that_stop_fitting_end_the_run():
     """A controller that returns NaN later on does not spoil what was done."""
     p = problem(arms=1, joints=6, grasps="rigid")
@@ -221,6 +223,7 @@ def test_ends(moving):
         np.testing.assert_allclose(numbers(between(at.t)), numbers(at.state), rtol=0, atol=2e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [0.2, 0.5, 0.85])
 def test_order_between_samples(moving, part):
     """Halving the step divides the error by 2^6 in positions and 2^5 in velocities."""

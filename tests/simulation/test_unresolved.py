@@ -51,6 +51,7 @@ def test_too_high_a_gain(factor, scheme):
     assert float(found[4]) * float(found[2]) < scheme_of(scheme).stability_interval < H * float(found[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
 def test_a_gain_that_steps_follow(scheme):
     """Nothing is said, and the velocities are right to a part in a thousand."""
@@ -76,6 +77,7 @@ def test_what_was_noticed_travels_with_a_checkpoint():
     assert named(rest) == named(whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("part", "words"),
     [

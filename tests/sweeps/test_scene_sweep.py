@@ -260,6 +260,7 @@ def test_damage_healed_by_the_command(name, folder, tmp_path, cli):
     assert load_sweep(place).column("run").tolist() == list(range(7))
 
 
+@pytest.mark.slow
 def test_mutated_tables():
     """Of hundreds of spoilt tables each is a plan or refused on one line."""
     kinds = list(mutated_scenes.OF_STRUCTURE)

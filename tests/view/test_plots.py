@@ -151,6 +151,7 @@ def test_colour_by_arm_dash_by_joint():
     assert legends == [[f"{name}_{k}_joint" for k in range(7)] for name in ("left", "right")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 48.0])
 def test_a_spike_does_not_flatten_a_plot(share):
     """Other curves keep most of the axis, and the peak's number stands beside an arrow; without one all is shown."""

@@ -59,6 +59,7 @@ def test_on_the_surface(shape):
         assert np.abs(phi).max() < 1e-7
 
 
+@pytest.mark.slow
 def test_a_run_without_arms():
     """A ball on a floor is drawn, with an arrow of its weight where it touches."""
     touching = Touching({"tip": Sphere([0, 0, 0], 0.1)}, {"floor": HalfSpace(friction=0.5)})

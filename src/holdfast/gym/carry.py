@@ -15,7 +15,7 @@ from holdfast.control.controller import ControlLaw
 from holdfast.control.paths import ObjectPath, Target, path_function, quintic
 from holdfast.errors import ModelError
 from holdfast.gym import terms
-from holdfast.gym.task import BatchFunction, Phase, Task, spread, two_fingers
+from holdfast.gym.task import BatchFunction, Phase, Task, spread, torques, two_fingers
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -143,6 +143,7 @@ class CarryTask(Frozen, Task):
     def __post_init__(self) -> None:
         put, what = object.__setattr__, "carry"
         self._check_common(what, two_fingers)
+        put(self, "joint_torque", torques(self.joint_torque, self.chain, what))
         if self.commands not in ("object", "joint"):
             raise ModelError(f"{what}: commands: expected 'object' or 'joint', got {checks.short(self.commands)}")
         for name, count in {"displacement": 3, "turn": 3, "acceleration": 6}.items():

@@ -19,7 +19,7 @@ from holdfast.dynamics.impulse import grasp_here
 from holdfast.errors import ModelError
 from holdfast.gym import terms
 from holdfast.gym.episodes import Episodes
-from holdfast.gym.task import BatchFunction, Phase, Task, spread, two_hands
+from holdfast.gym.task import BatchFunction, Phase, Task, spread, torques, two_hands
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -156,6 +156,7 @@ class HandOverTask(Frozen, Task):
     def __post_init__(self) -> None:
         put, what = object.__setattr__, "hand-over"
         self._check_common(what, two_hands)
+        put(self, "joint_torque", torques(self.joint_torque, self.chain, what))
         put(self, "giver", _holding(self.chain, self.giver, "giver", ""))
         put(self, "receiver", _holding(self.chain, self.receiver, "receiver", self.giver))
         for name in ("displacement", "turn"):

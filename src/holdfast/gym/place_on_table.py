@@ -83,7 +83,6 @@ class PlaceOnTableTask(Frozen, Task):
         internal_force: push of every arm along its contact normal [N].
         internal_force_span: force that an action of 1 adds to it [N].
         joint_damping: damping of the joint motion that does not move any contact [1/s].
-        joint_torque: not used.
         largest_press: force of the world above which the reward decreases [N].
         crushing_press: force at which the object breaks [N].
         least_share: share of the weight that the world carries at least when the object is placed.
@@ -113,7 +112,6 @@ class PlaceOnTableTask(Frozen, Task):
     internal_force: float = 20.0
     internal_force_span: float = 10.0
     joint_damping: float = 10.0
-    joint_torque: OptionalArrayField = NOT_GIVEN
     largest_press: float = 50.0
     crushing_press: float = 2000.0
     least_share: float = 0.5

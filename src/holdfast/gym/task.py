@@ -101,7 +101,6 @@ class Task(ABC):
         steps_per_action: number of integration steps in a control step.
         mass_spread: the payload's mass lies within 1 +- this times the model's.
         push: (6,) largest constant wrench [moment; force] on the object about C, world axes [N m, N].
-        joint_torque: (n,) torques at an action of 1 [N m or N].
         stop_at_limits: whether a joint beyond a limit of position, rate or effort ends an episode.
         sampling: arguments of `control.sampled` for the control law, by name; None for a law that acts all the time.
     """
@@ -112,7 +111,6 @@ class Task(ABC):
     steps_per_action: int
     mass_spread: float
     push: Any
-    joint_torque: Any
     stop_at_limits: bool
     sampling: Mapping[str, Any] | None
 
@@ -249,7 +247,6 @@ class Task(ABC):
         require_fit(chain, state)
         put(self, "chain", chain)
         put(self, "state", state)
-        put(self, "joint_torque", torques(self.joint_torque, chain, what))
         self._check_numbers(what, ("step", "tolerance", "tolerance_angle"), above=0.0)
         self._check_numbers(what, ("effort_cost", "failure_cost", "mass_spread"), at_least=0.0)
         steps = self.steps_per_action

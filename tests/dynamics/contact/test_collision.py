@@ -21,6 +21,7 @@ def test_a_ball_rebounds():
     assert impact(P, C, C @ -twist, [0.2], [0.6]).rounds == 0
 
 
+@pytest.mark.slow
 def test_energy_is_never_gained():
     """Any coefficients, friction and number of contacts: the kinetic energy does not grow, and nothing approaches."""
     rng = np.random.default_rng(4)

@@ -57,6 +57,7 @@ def test_smallest_forces_along_a_motion(seed):
         assert gap(rates[name], wanted) < 2e-6, name
 
 
+@pytest.mark.slow
 def test_products_and_matrix():
     """Several directions at once, a gradient and a rate are the Jacobian times a vector, from either side."""
     p, random = random_forest(3), np.random.default_rng(0)

@@ -52,6 +52,7 @@ def test_humanoid():
     assert max(found.left) <= 1e-12
 
 
+@pytest.mark.slow
 def test_what_is_no_limb():
     """Nothing that another closure, a branch or a coupling needs is in a limb, nor a joint of several freedoms."""
     for seed in range(60):

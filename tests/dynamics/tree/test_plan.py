@@ -114,6 +114,7 @@ def test_ring_of_torsos(count):
     assert max(map(widest, plan.steps)) == 12
 
 
+@pytest.mark.slow
 def test_every_step_once():
     """Every closure and coupling is imposed once, and every body settles once, after all that hangs on it."""
     forests = [case.forest for case, _ in cases()] + [random_forest(seed).forest for seed in range(60)]
@@ -142,6 +143,7 @@ def test_every_step_once():
             assert sorted(done) == list(range(len(forest.bodies)))
 
 
+@pytest.mark.slow
 def test_only_free_bodies_are_open_where_the_root_moves():
     """Neither a palm nor a noted joint is open; a coupling with what stays behind forbids the crossing."""
     for seed in (*range(60), 699):
@@ -161,6 +163,7 @@ def test_only_free_bodies_are_open_where_the_root_moves():
                         opened |= {frame for frame in own if frame is not None}
 
 
+@pytest.mark.slow
 def test_frames_are_open_where_they_are_used():
     """A step names only frames that are open, and nothing stays open."""
     for seed in range(60):

@@ -42,6 +42,7 @@ def test_as_the_reference(monkeypatch, gap):
     assert fast.touch_gap.min() > -1e-12
 
 
+@pytest.mark.slow
 def test_which_chains():
     """Machine code takes chains with independent grasps that stand still; the reference takes the others."""
     chain, state, law = lowering(0.0)

@@ -233,6 +233,7 @@ def test_a_changed_law_is_the_references():
     assert np.abs(systems.tau[0] - found.tau).max() <= 1e-12
 
 
+@pytest.mark.slow
 def test_given_memory():
     """Shared or by system."""
     rollout, state = integrating()

@@ -94,6 +94,7 @@ def test_a_system_as_a_run_has_both_sides_of_jumps():
         assert np.abs(getattr(found, array)[: len(run) - 1] - getattr(run, array)[:-1]).max() <= 1e-9, array
 
 
+@pytest.mark.slow
 def test_simulate_takes_the_law_or_its_times():
     """A sampled law is a short way to write sample time and delay, to the bit; both at once are refused."""
     chain, state = problem("one")
@@ -112,6 +113,7 @@ def test_simulate_takes_the_law_or_its_times():
             hf.simulate(chain, state, timed, 0.01, H, **options)
 
 
+@pytest.mark.slow
 def test_controllers_follow_the_grasps():
     """A controller that is another one without a grasp is so inside a sampled law, too, with its imperfections."""
     chain, state = squeezed(("rigid", "rigid"))

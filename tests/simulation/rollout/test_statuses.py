@@ -179,6 +179,7 @@ def broken(rows: dict[str, tuple[int, int, float]]) -> tuple[RolloutSystems, Rol
     return tuple(rollout.step(rollout.start(**x), STEP, steps=3) for x in (dirty, clean))  # type: ignore[return-value]
 
 
+@pytest.mark.slow
 def test_bad_numbers():
     """Not-a-number, infinities, angles beyond 1e5 rad, quaternions not of unit length."""
     for rows in (

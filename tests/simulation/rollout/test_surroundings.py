@@ -101,6 +101,7 @@ def test_moving_bases(name, scheme):
     assert not np.allclose(systems.q[0], systems.q[1], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_moving_bases_travel():
     """A rollout whose bases' motions are closures goes on to the same bits after a pickle, and recompiles to them."""
     chain, state = problem("nobody holds")
@@ -358,6 +359,7 @@ def test_as_simulate(damped):
         assert found.qd == pytest.approx(run.qd[-1], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_systems_do_not_depend_on_each_other(damped):
     """The bits of a system that takes implicit steps are the same alone, among others, and on two threads."""
     _, state, rollout = damped

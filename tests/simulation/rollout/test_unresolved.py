@@ -46,6 +46,7 @@ def moving(rollout: Rollout, z: np.ndarray, speed: float = SPEED, **given: Any):
     return rollout.start(**state, gain=z * MASS / H, **given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
 def test_decays(scheme):
     """The error of the first step, R(z) - R(z/2)^2, is the largest; a system with more than 1 % of it is unresolved."""
@@ -118,6 +119,7 @@ def test_what_steps_sum_up(scheme, sum_of_errors):
     assert record.systems.status[0] is RolloutStatus.RUNNING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 4])
 def test_samples_are_no_error(steps):
     """The torques of a sampled law jump at the ends of steps, which are exact in between: nothing is said."""
