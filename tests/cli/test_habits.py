@@ -59,6 +59,7 @@ def test_stdin_is_told_apart(stdin, document):
     assert document("solve", "-", "--case", "ball_3arm")[0]["status"] == "ok"
 
 
+@pytest.mark.slow
 def test_tables_on_stdout(result, tmp_path, capfdbinary):
     """The bytes that a file gets."""
     assert main(["export", str(result), "--out", str(tmp_path / "a.csv")]) == 0

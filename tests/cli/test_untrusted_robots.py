@@ -105,6 +105,7 @@ def test_a_result_names_files_of_its_own_only(result, cli):
         assert f"names '{file}', no file of a result" in cli("plot", result, code=2).err
 
 
+@pytest.mark.slow
 def test_a_robot_exchanged_in_a_result(result, cli):
     """A kept robot that is another one than was simulated is refused by name."""
     (kept,) = result.glob("robot_*.urdf")

@@ -48,6 +48,7 @@ def another(seed: int) -> tuple[ClosedChain, dict]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_as_if_built_with_them(seed):
     """Bases, contacts, links, object and gravity at run time: the bits of a chain that has them, by the same code."""

@@ -44,6 +44,7 @@ def test_numbers_that_are_not_finite(name, value):
             fast.forward_dynamics(**one(given, 2 * i))
 
 
+@pytest.mark.slow
 def test_positions_too_far():
     """Angles beyond 1e5 rad are INVALID, at 1e5 they are not; sliding joints may be anywhere."""
     chain, fast = chain_named("all kinds"), compiled("all kinds")

@@ -102,6 +102,7 @@ def test_the_rows_as_they_are_called(model, swung, by):
     assert found.misfit == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_without_turning(model):
     """Of a box that is shifted and not turned the inertia cannot be told: the model's stays, and is named."""
     found = hf.identify(model, noisy(recorded(*two_pandas(), rate=10.0, turn=0.0, tau=False), 0))

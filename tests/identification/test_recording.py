@@ -40,6 +40,7 @@ def write(path, chain, recording, without=()):
         table.writerows([*row, 7.0] for row in np.hstack(rows).tolist())
 
 
+@pytest.mark.slow
 def test_csv(short, tmp_path):
     """Every bit comes back; arrays that are not there are None, and the file itself can be given to identify."""
     chain, _ = two_pandas()

@@ -141,6 +141,7 @@ def test_paths_of_what_computes(given, name, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_read_by_text_and_by_path(tmp_path):
     """The same either way; what is no path is refused with an error of the library's own."""
     for read, (path, options) in readers(tmp_path).items():

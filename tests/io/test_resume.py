@@ -49,6 +49,7 @@ def test_goes_on_to_the_same_bits(sample, whole, tmp_path):
         "meta.json", "scene.toml", *(f"chunk_{k:04d}.npz" for k in range(len(found.chunks)))}  # fmt: skip
 
 
+@pytest.mark.slow
 def test_interrupted_between_a_sample_and_its_checkpoint(whole, tmp_path):
     """Ctrl-C keeps that sample; going on makes it again."""
 

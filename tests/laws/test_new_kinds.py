@@ -143,6 +143,7 @@ def test_state_is_closed(truth):
     assert np.abs(truth["rate"]).max() < 1e-13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["sequential", "kkt", "nonrigid"])
 def test_forward_dynamics(problem, truth, method):
     """Accelerations are those of the positions' differences."""

@@ -126,6 +126,7 @@ def test_samples_hold_what_they_say(shaken):
     assert run.wrist_wrench[k, 0] == pytest.approx(wrist[0])  # the other arm's base has moved
 
 
+@pytest.mark.slow
 def test_summary_and_table(shaken):
     """Every figure of the summary has a line with a unit, and nothing is infinite."""
     chain, run, _ = shaken

@@ -106,6 +106,7 @@ def test_comes_back(run, tmp_path):
     assert "4 samples, complete" in repr(result)
 
 
+@pytest.mark.slow
 def test_pages_show_meshes(run, folder, tmp_path):
     """Arms out of files are drawn with their meshes, after a detour by a folder too; without these with solids."""
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
@@ -167,6 +168,7 @@ def test_models_come_back(chain):
     assert fingerprint(model_of(text, "model.json")) == fingerprint(given)
 
 
+@pytest.mark.slow
 def test_bases_that_move(run, tmp_path):
     """A run knows where its bases were, in its folder too, and can be drawn and written without the function."""
     pytest.importorskip("mcap_ros2", reason="needs mcap-ros2-support: pip install 'holdfast[ros]'")

@@ -62,6 +62,7 @@ def test_a_gain_that_steps_follow(scheme):
     assert np.abs(run.qd - fine.qd[::5]).max() <= 1e-3 * np.abs(fine.qd).max()
 
 
+@pytest.mark.slow
 def test_what_was_noticed_travels_with_a_checkpoint():
     """A run that goes on from a checkpoint says at its end what the whole run says, to the letter."""
     law, *_ = damped(0.75)

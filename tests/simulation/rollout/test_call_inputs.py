@@ -258,6 +258,7 @@ def test_a_refused_call_is_forgotten(refused):
     assert same(systems, expected)
 
 
+@pytest.mark.slow
 def test_gravity_turned_off():
     """A parameter of the chain acts from the next step on: a free fall stops accelerating at once."""
     rollout, state = integrating()

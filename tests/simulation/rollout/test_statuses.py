@@ -195,6 +195,7 @@ def test_bad_numbers():
             assert same_bits(x[~bad], dirty.arrays[name][~bad]), name
 
 
+@pytest.mark.slow
 def test_quaternion_of_no_length():
     """All zeros: invalid, without a warning."""
     rollout, (_, state) = swinging("legs"), problem("legs")
