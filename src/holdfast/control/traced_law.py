@@ -9,10 +9,12 @@ from weakref import WeakSet
 
 import numpy as np
 
+from holdfast.compiled.traced_forest import traced_inverse
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw, LawParameters, known_breakpoints
+from holdfast.dynamics.tree.forest_inverse import inverse_code
 from holdfast.errors import HoldfastError, ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
@@ -65,7 +67,12 @@ class ControllerTorque(Frozen):
 
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory."""
-        return np.asarray(self.controller(t, state, None)[0]), memory
+        token = inverse_code.set(traced_inverse) if state.q.dtype == object else None
+        try:
+            return np.asarray(self.controller(t, state, None)[0]), memory
+        finally:
+            if token is not None:
+                inverse_code.reset(token)
 
 
 def law_outputs(
