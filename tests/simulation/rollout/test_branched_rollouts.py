@@ -12,11 +12,14 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
-from holdfast.questions.arrays import state_fields
+from holdfast.questions.arrays import shapes, state_fields
 from holdfast.simulation import Rollout, RolloutStatus, RolloutSystems
-from tests.dynamics.tree.as_branched import gap
+from tests.dynamics.tree.as_branched import AWAY, STRAY, gap
 from tests.longer import mostly_long
+from tests.simulation.gantries import squeezed
 from tests.simulation.rollout.problems import same
+from tests.simulation.rollout.test_statuses import MU, RADIUS, SQUEEZE, TWIST
+from tests.simulation.test_mechanism_limits import pendulum, swing_through
 from tests.systems.branched import branched_problems, palletiser
 
 STEP = 1e-3
@@ -33,7 +36,8 @@ def lifting() -> Rollout:
 def given(chain: hf.ClosedChain, state: hf.State, count: int = 1, spread: float = 0.0) -> dict[str, Any]:
     """Return states for many systems, of which the rates of all but the first are elsewhere."""
     fields = state_fields(chain).items()
-    found = {name: np.repeat(getattr(state, field)[None], count, axis=0) for name, field in fields}
+    one = {name: np.reshape(getattr(state, field), shapes(chain)[name]) for name, field in fields}
+    found = {name: np.repeat(x[None], count, axis=0) for name, x in one.items()}
     found["qd"][1:] += spread * np.random.default_rng(0).normal(size=found["qd"][1:].shape)
     return found
 
@@ -144,20 +148,46 @@ def test_a_law_that_drives_a_passive_joint():
     assert set(rollout.start(**given(p.chain, p.state), gain=0.0).status) == {RolloutStatus.RUNNING}
 
 
+def test_the_instant_of_a_limit():
+    """A pendulum is stopped at the end of its range when its energy integral says; the others swing on."""
+    p = pendulum(position_limits=(-0.1, 1.0))
+    rollout = hf.compile_rollout(p.chain)
+    start = given(p.chain, p.state, 2)
+    start["q"][1] = 0.05
+    systems = rollout.start(**start, tau=p.tau)
+    record = rollout.run(systems, 0.8, STEP, every=100, stop_at_limits=True)
+    assert [*record.systems.status] == [RolloutStatus.LIMITED, RolloutStatus.RUNNING]
+    assert record.stopped[0] == pytest.approx(swing_through(-0.1), abs=1e-9)
+    assert record.stopped[1] == np.inf
+
+
 @pytest.mark.slow
-def test_limits():
-    """A joint beyond its rate limit stops its system within the step of the run that stops."""
-    p = palletiser()
-    arm = p.chain.arms["robot"]
-    joints = [replace(arm.joints[0], rate_limit=abs(p.state.qd[0]) + 0.01), *arm.joints[1:]]
-    chain = hf.ClosedChain({"robot": replace(arm, joints=joints)})
-    tau = np.array([np.sign(p.state.qd[0]) * 40.0, *p.tau[1:]])
-    run = hf.simulate(chain, p.state, lambda t, x, m: (tau, m), 0.1, STEP, on_limit="stop")
-    rollout = hf.compile_rollout(chain, scheme="rk4")
-    systems = rollout.start(**given(chain, p.state, 2), tau=np.array([tau, p.tau]))
-    record = rollout.run(systems, 0.02, STEP, stop_at_limits=True)
-    assert record.systems.status[0] is RolloutStatus.LIMITED
-    assert abs(record.stopped[0] - run.t[-1]) < 1e-6
+@pytest.mark.parametrize("kinds", [("softfinger", "ball"), ("softfinger", "softfinger")])
+def test_the_instant_of_a_slip(kinds):
+    """A block between two gantries slips when it does on paper; moments that both could carry are shared equally."""
+    friction = tuple(
+        hf.Friction(MU, torsion_radius=RADIUS) if kind == "softfinger" else hf.Friction(2.0) for kind in kinds
+    )
+    chain, state = squeezed(kinds, friction)
+    chain = replace(chain, objects={"stray": STRAY})
+    apart = replace(state, object_pose=[state.object_pose, AWAY], object_twist=np.zeros((2, 6)))
+
+    def torque(t, state, memory, given):
+        up = given["rate"][()] * t
+        return np.array([SQUEEZE, 0.0, up, -SQUEEZE, 0.0, up]), memory
+
+    rollout = hf.compile_rollout(chain, hf.ControlLaw(torque, parameters={"rate": ()}), scheme="midpoint")
+    rates = np.array([400.0, 0.0, 600.0])
+    twist = np.array([[TWIST, 0, 0, 0, 0, 0], np.zeros(6)])
+    systems = rollout.start(**given(chain, apart, 3), rate=rates, object_wrench=twist)
+    assert (rollout.generic_rank == chain.forest.constraint_row_count) == ("ball" in kinds)
+    record = rollout.run(systems, 0.1, STEP, least_margin=0.0)
+    carried = TWIST / kinds.count("softfinger")
+    slip = 2.0 * np.sqrt((MU * SQUEEZE) ** 2 - (carried / RADIUS) ** 2) / rates[[0, 2]]
+    assert [*record.systems.status] == [RolloutStatus.SLIPPED, RolloutStatus.RUNNING, RolloutStatus.SLIPPED]
+    assert gap(record.stopped[[0, 2]], slip) < 1e-9
+    run = record.trajectory(1)
+    assert gap(run.margin[:, :2].min(axis=1), np.full(len(run), record.systems.margin[1].min())) < 1e-9
 
 
 @pytest.mark.long
