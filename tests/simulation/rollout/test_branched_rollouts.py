@@ -101,6 +101,21 @@ def test_records(tmp_path):
     assert len(run) == 3 and (run.q == record["q"][:, 2]).all() and run.object_pose.shape == (3, 0, 7)
 
 
+def test_sweeps(tmp_path):
+    """Runs of a sweep are rollouts with initial states and torques of their own; numbers of the chain cannot differ."""
+    p, duration = palletiser(), 0.01
+    tau = p.tau * np.linspace(0.0, 1.0, 5)[:, None]
+    options: dict[str, Any] = {"count": 5, "duration": duration, "step": STEP, "chunk": 2, "scheme": "midpoint"}
+    swept = hf.sweep(
+        p.chain, state=p.state, parameters={"tau": tau}, store=tmp_path / "runs", outputs=("q",), **options
+    )
+    systems = lifting().start(**given(p.chain, p.state, 5), tau=tau)
+    lifting().step(systems, STEP, steps=10)
+    assert (np.stack([swept.column(f"q {name} [rad]") for name in p.chain.joint_names()], axis=1) == systems.q).all()
+    with pytest.raises(StateError, match="gravity"):
+        hf.sweep(p.chain, state=p.state, parameters={"gravity": np.zeros(3)}, store=tmp_path / "no", **options)
+
+
 def test_statuses():
     """Each system says why it has stopped, and the others go on."""
     p, rollout = palletiser(), lifting()

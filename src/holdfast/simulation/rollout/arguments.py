@@ -81,8 +81,7 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
     """
     laws, chains = kernel.law.parameters, {}
     fixed = answered_as_forest(kernel.chain)
-    known = [name for name in CHAINS if name in kernel.externals or not fixed]
-    known += [name for name in LINK_ARGUMENTS if name in kernel.externals]
+    known = [*chain_arguments(kernel), *(name for name in LINK_ARGUMENTS if name in kernel.externals)]
     found: dict[str, Array] = {}
     for name, x in given.items():
         if name in laws:
@@ -109,6 +108,11 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
         shape = kernel.externals[name].shape
         found[name] = _rows(fitting(name, x, shape, count), shape)
     return found
+
+
+def chain_arguments(kernel: StepKernel) -> list[str]:
+    """Return those of `CHAINS` that a kernel takes; chains that are answered as forests are constants of theirs."""
+    return [name for name in CHAINS if name in kernel.externals or not answered_as_forest(kernel.chain)]
 
 
 def kernel_arguments(kernel: StepKernel, given: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
