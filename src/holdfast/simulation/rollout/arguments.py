@@ -17,7 +17,7 @@ from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import answered_as_forest
-from holdfast.questions.arrays import FLOATING, LINKS, STATE, TRUNK_LINKS, state_fields
+from holdfast.questions.arrays import FLOATING, LINKS, STATE, TRUNK_LINKS, shapes, state_fields
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
@@ -55,9 +55,14 @@ def state_arguments(chain: ClosedChain, *given: Any) -> dict[str, Any]:
         given: arrays in the order of `STATE` and `FLOATING`; the latter are None without a floating base.
 
     Raises:
-        StateError: the pose or twist of a floating base is missing, or is given although no base floats.
+        StateError: a part of the state is missing, or is given although no base floats.
     """
-    named = dict(zip((*STATE, *FLOATING), given, strict=True))
+    named, known = dict(zip((*STATE, *FLOATING), given, strict=True)), shapes(chain)
+    for name in STATE:
+        if named[name] is None:
+            if math.prod(known[name]):
+                raise StateError(f"{name}: expected shape {checks.shapes_with_rows(known[name], 'systems')}, got none")
+            named[name] = np.zeros(known[name])
     for name in FLOATING:
         if chain.floats and named[name] is None:
             raise StateError(f"{name}: expected that of the trunk's floating base, got none")

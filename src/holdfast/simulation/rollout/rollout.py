@@ -108,8 +108,8 @@ class Rollout:
         self,
         q: Any,
         qd: Any,
-        object_pose: Any,
-        object_twist: Any,
+        object_pose: Any = None,
+        object_twist: Any = None,
         *,
         floating_pose: Any = None,
         floating_twist: Any = None,
@@ -124,8 +124,8 @@ class Rollout:
         Args:
             q: (systems, n) or (n,) joint positions [rad or m].
             qd: joint rates, of the same shape.
-            object_pose: (7,) wxyz_xyz.
-            object_twist: (6,) [omega; v of C], world axes.
+            object_pose: (7,) wxyz_xyz; (k, 7) of k objects, None without any.
+            object_twist: (6,) [omega; v of C], world axes; (k, 6) of k objects.
             floating_pose: (7,) wxyz_xyz of a trunk's floating base, if there is one.
             floating_twist: (6,) twist of its origin, world axes.
             memory: (m,) memory of the law; by default its initial memory.
