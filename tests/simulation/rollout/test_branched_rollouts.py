@@ -12,6 +12,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
+from holdfast.interop.jax_rollout import JaxRollout
 from holdfast.questions.arrays import shapes, state_fields
 from holdfast.simulation import Rollout, RolloutStatus, RolloutSystems
 from tests.dynamics.tree.as_branched import AWAY, STRAY, gap
@@ -145,11 +146,43 @@ def test_refusals():
         hf.compile_rollout(p.chain, generic_rank=4)
     with pytest.raises(MethodNotApplicable, match="tape: chain: expected serial arms"):
         rollout.tape(systems, STEP, steps=1)
+    with pytest.raises(MethodNotApplicable, match="to_jax: rollout: chain: expected serial arms"):
+        JaxRollout(rollout, None, (), STEP, 1, ())
+    with pytest.raises(StateError, match="qd"):
+        rollout.start(p.state.q, None)
     for name in ("gravity", "link_mass"):
         with pytest.raises(StateError, match=f"{name}: expected none"):
             rollout.step(systems, STEP, **{name: np.zeros(3)})
     with pytest.raises(StateError, match="joint 'robot/wrist' is passive"):
         rollout.step(systems, STEP, tau=np.ones(4))
+
+
+@pytest.mark.slow
+def test_grasps_that_close_and_open():
+    """A rollout with another grasp takes systems over with the impulses of `attach`, and gives them back."""
+    chain, state = squeezed(("softfinger", "ball"))
+    chain = replace(chain, objects={"stray": STRAY})
+    qd = np.array([0.0, 0.0, 0.0, -0.3, 0.2, 0.1])
+    apart = replace(state, qd=qd, object_pose=[state.object_pose, AWAY], object_twist=np.zeros((2, 6)))
+    free = replace(chain, grasps={"left": chain.grasps["left"]})
+    before, after = (hf.compile_rollout(one, scheme="midpoint") for one in (free, chain))
+    systems = before.start(**given(free, apart, 2), tau=np.zeros(6))
+    joined = after.take_over(systems)
+    wanted = hf.dynamics.attach(free, apart, "right", chain.grasps["right"]).state
+    assert gap(joined.qd[0], wanted.qd) < 1e-14 and gap(joined.object_twist[0], wanted.object_twist) < 1e-14
+    after.step(joined, STEP, steps=3)
+    parted = before.take_over(joined)
+    assert set(before.step(parted, STEP, steps=3).status) == {RolloutStatus.RUNNING}
+    before.step(systems, STEP)  # the hands are no longer at the block
+    assert set(after.take_over(systems).status) == {RolloutStatus.OPEN}
+
+
+@pytest.mark.slow
+def test_another_rank_is_singular():
+    """Systems whose rank is not that of the rollout do not start."""
+    p = palletiser()
+    rollout = hf.compile_rollout(p.chain, scheme="midpoint", generic_rank=3)
+    assert set(rollout.start(**given(p.chain, p.state), tau=p.tau).status) == {RolloutStatus.SINGULAR}
 
 
 @pytest.mark.slow

@@ -43,6 +43,9 @@ def compile_rollout(
     before, which the systems keep as `touch_force`, and are found anew where these do not lead to impulses that satisfy
     the laws; the status of a system in which none are found is UNLAWFUL.
 
+    All numbers of a chain with branches, loops, couplings or several objects are constants of the machine code, and the
+    rank of its constraint is that of the first system: another one is SINGULAR. Its passive joints take no torque.
+
     Args:
         chain: arms, object and grasps.
         law: a `ControlLaw`, or a controller of the library that can be traced. Without a law, the torques are passed to
@@ -52,7 +55,8 @@ def compile_rollout(
         generic_rank: rank of the grasp constraint away from singular configurations; by default it is determined from
             the first systems.
         base_motion: functions t -> (pose, twist, acceleration) of moving bases, by arm name or "trunk", as for
-            `simulate`. They become part of the machine code, so the rules for writing control laws apply.
+            `simulate`, of chains without branches. They become part of the machine code, so the rules for writing
+            control laws apply.
         inputs: external wrenches that depend on t or on (t, state), as for `simulate`. They become part of the machine
             code, so the rules for writing control laws apply. Wrenches passed to calls are added to them.
         parameters: names of optional groups of arguments, as for `compile`: `link_inertia` (link_mass, link_com,

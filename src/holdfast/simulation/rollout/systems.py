@@ -95,7 +95,7 @@ class RolloutSystems:
     grasp_wrench: Array = _carried(
         "grasp_wrench",
         "(systems, arms, 6) [moment; force] of each arm on the object about the contact, world axes; where the forces"
-        " are not unique, one solution.",
+        " are not unique, one solution. Of a chain with branches (systems, grasps and loops, 6).",
     )
     coupling_force: Array = _carried(
         "coupling_force",
