@@ -67,12 +67,7 @@ class ControllerTorque(Frozen):
 
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory."""
-        token = inverse_code.set(traced_inverse) if state.q.dtype == object else None
-        try:
-            return np.asarray(self.controller(t, state, None)[0]), memory
-        finally:
-            if token is not None:
-                inverse_code.reset(token)
+        return np.asarray(self.controller(t, state, None)[0]), memory
 
 
 def law_outputs(
@@ -94,7 +89,11 @@ def law_outputs(
     values = LawParameters({name: as_traced(given[f"control.{name}"]) for name in law.parameters})
     if not isinstance(law.torque, ControllerTorque):
         state, memory = comparable(state), as_traced(memory)
-    found = law.torque(t, state, memory, values)
+    token = inverse_code.set(traced_inverse if state.q.dtype == object else inverse_code.get())
+    try:
+        found = law.torque(t, state, memory, values)
+    finally:
+        inverse_code.reset(token)
     if not isinstance(found, tuple) or len(found) != 2:
         raise CompileError(f"control law: expected torques and memory, got {type(found).__name__}; try `tau, memory`")
     none = found[1] is None and not len(law.memory)

@@ -257,9 +257,28 @@ def test_laws():
 
     p = palletiser()
     holding = hf.control.GravityCompensation(p.chain, joint_damping=1.0)
-    rollout = hf.compile_rollout(p.chain, holding)
-    record = rollout.run(rollout.start(**given(p.chain, p.state)), 0.02, STEP)
-    assert_same_run(record.trajectory(0), hf.simulate(p.chain, p.state, holding, 0.02, STEP))
+    pulling = hf.ControlLaw(lambda t, x, m, g: (holding(t, x, None)[0] + np.array([1.0, t, 0.0, 0.0]), m))
+    for law in (holding, pulling):
+        rollout = hf.compile_rollout(p.chain, law)
+        record = rollout.run(rollout.start(**given(p.chain, p.state)), 0.02, STEP)
+        assert_same_run(record.trajectory(0), hf.simulate(p.chain, p.state, law, 0.02, STEP))
+
+
+@pytest.mark.long
+def test_a_spherical_joint(tmp_path):
+    """Its quaternion is scaled to unit length at the start, or refused; records in folders have all four numbers."""
+    chain, state, tau = branched_problems()["on a shoulder"]
+    rollout = hf.compile_rollout(chain, scheme="midpoint")
+    start = given(chain, state, 3)
+    start["q"][1, 1:5] *= 1.1
+    start["q"][2, 1:5] *= 1.0 + 1e-8
+    systems = rollout.start(**start, tau=tau)
+    assert [*systems.status] == [RolloutStatus.RUNNING, RolloutStatus.BROKEN, RolloutStatus.RUNNING]
+    record = rollout.run(systems, 3 * STEP, STEP, record=("q", "floating_pose"), folder=tmp_path / "record")
+    assert np.abs(np.linalg.norm(record["q"][:, 2, 1:5], axis=1) - 1.0).max() < 1e-14
+    read = hf.io.load_record(tmp_path / "record", rollout=rollout)
+    assert read["q"].shape == (4, 3, 10) and (read["q"] == record["q"]).all()
+    assert gap(read.trajectory(2).q, record["q"][:, 2]) == 0.0
 
 
 @pytest.mark.long
