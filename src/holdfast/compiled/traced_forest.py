@@ -28,7 +28,7 @@ from holdfast.dynamics.tree.varied_forest import ForestArguments, position_rates
 from holdfast.forces.margins import contact_margin, limited
 from holdfast.model.forest import Forest
 from holdfast.questions.arrays import contact_of
-from holdfast.spatial.scalar import Array, Scalar, array, maximum, where
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, scan, where
 from holdfast.spatial.spatial_vector import unrotate
 
 AGREEING = 1e-9  # relative: what rows leave over that agree
@@ -63,11 +63,13 @@ class TracedForest:
 
     def closed(self, q: Array, qd: Array) -> tuple[Array, Array, tuple[Scalar, Scalar]]:
         """See `StepEngine`; gaps that two rounds do not close are left."""
-        rounds = []
-        for _ in range(CLOSING_ROUNDS):
-            rounds.append(closing_round(self.forest, q, qd, self._arms))
-            q, qd = rounds[-1].q, rounds[-1].qd
-        return q, qd, (rounds[0].position_gap, rounds[0].velocity_gap)
+
+        def taken(at: tuple[Array, Array], _: Scalar) -> tuple[tuple[Array, Array], tuple[Scalar, Scalar]]:
+            now = closing_round(self.forest, *at, self._arms)
+            return (now.q, now.qd), (now.position_gap, now.velocity_gap)
+
+        (q, qd), gaps = scan(taken, (q, qd), [0.0] * CLOSING_ROUNDS)
+        return q, qd, gaps[0]
 
     def margins(self, given: ForestArguments, now: ForestInstant, contacts: Array) -> Array:
         """Return the margins of the closures, (closures,), infinite without a limit; of the smallest forces [N].
