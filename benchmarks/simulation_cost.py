@@ -1,8 +1,9 @@
 """What a step of `simulate` costs, beside the same step in a rollout: two Pandas hold a box by springs in their joints.
 
-Run it with HOLDFAST_COMPILE unset, on a quiet machine; `--write` puts the table into the page.
+Run it with HOLDFAST_COMPILE unset, on a quiet machine; `--write` puts the table into the page, `--rollouts` prints the
+steps of rollouts alone, among them those of hands with two fingers each, beside the operations of a step.
 
-python benchmarks/simulation_cost.py [--write docs/limitations.md]
+python benchmarks/simulation_cost.py [--write docs/limitations.md | --rollouts]
 """
 
 from __future__ import annotations
@@ -114,6 +115,24 @@ def costs() -> Iterator[tuple[str, float]]:
     yield "one `distribute` of the soft fingers", 1e6 * least_time(cheapest, 1, ROUNDS)
 
 
+def of_rollouts() -> Iterator[str]:
+    """Yield a line for rollouts of several chains: operations of a step, and its time for one system and in a batch."""
+    rigid, state = facing_pandas()
+    handy, open_hands = with_grippers(rigid, state)
+    for what, chain, start in (("two Pandas", rigid, state), ("with two fingers each", handy, open_hands)):
+        for scheme in ("rk4", "midpoint"):
+            rollout = hf.compile_rollout(chain, scheme=scheme)
+            times = []
+            for count, steps in ((1, STEPS), (512, 20)):
+                q = np.tile(start.q, (count, 1))
+                tau = hf.holding_torques(chain, start)
+                systems = rollout.start(q, start.qd, start.object_pose, start.object_twist, tau=tau)
+                run = lambda s=systems, n=steps, r=rollout: r.step(s.copy(), STEP, steps=n, threads=1)  # noqa: E731
+                times.append(1e6 * least_time(run, 1, ROUNDS) / (steps * count))
+            operations = rollout.kernel.step_code.schedule.operation_count
+            yield f"{what}, {scheme}: {operations:,} operations, one {times[0]:.1f} us, of 512 {times[1]:.2f} us each"
+
+
 def table() -> str:
     """Return the table of costs as Markdown."""
     rows = [f"| {what} | {cost:,.{0 if cost >= 10 else 1}f} us |" for what, cost in costs()]
@@ -127,7 +146,13 @@ def main() -> None:
     """Print the table, or write it between the markers of a page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", type=Path, help="the page")
-    page, found = parser.parse_args().write, table()
+    parser.add_argument("--rollouts", action="store_true", help="rollouts alone")
+    asked = parser.parse_args()
+    if asked.rollouts:
+        for line in of_rollouts():
+            print(line)
+        return
+    page, found = asked.write, table()
     if page is None:
         print(found)
         return

@@ -17,6 +17,7 @@ from tests.systems.branched import Branched, two_arms_with_grippers
 
 ANSWERED = {
     "ClosedChain", "calibrate", "calibration.load_postures", "close", "codegen.export_c", "compile",
+    "compile_rollout",
     "control.GravityCompensation",
     "control.ObjectTracking", "control.clipped", "diagnose", "dynamics.attach", "dynamics.centre_of_mass",
     "dynamics.closure", "dynamics.kinetic_energy", "dynamics.link_poses", "dynamics.momentum",

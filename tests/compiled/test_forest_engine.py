@@ -12,7 +12,7 @@ from holdfast.compiled.forest_engine import CompiledForestEngine
 from holdfast.dynamics.tree.forest_closing import forest_close
 from holdfast.dynamics.tree.forest_inverse import inverse_at
 from holdfast.dynamics.tree.forest_projection import closing_round
-from holdfast.dynamics.tree.forest_simulate import ForestReference, closed_near, forest_steps
+from holdfast.dynamics.tree.forest_simulate import ForestReference, forest_steps
 from holdfast.dynamics.tree.mechanism_terms import chain_state, flat_state, mechanism_arguments
 from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced, position_rates
 from holdfast.forces.margins import margin_of_row
@@ -148,7 +148,7 @@ def test_margins(name):
     drives = mechanism_arguments(chain, p.state, p.tau)
     engine, reference = CompiledForestEngine(forest), ForestReference(forest)
     engine.instant(drives)
-    places = [closed_near(reference, forest, displaced(forest, q, s * qd), qd)[:2] for s in (0.0, 1e-3, 2e-3)]
+    places = [reference.closed(displaced(forest, q, s * qd), qd)[:2] for s in (0.0, 1e-3, 2e-3)]
     x = np.array([at for at, _ in places])
     for at, _ in forest.quaternions:
         x[:, at] *= 2.0  # of any length

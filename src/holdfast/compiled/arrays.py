@@ -33,8 +33,10 @@ def largest_number(name: str) -> float:
 
 
 def largest_positions(chain: ClosedChain) -> Array:
-    """Return the largest valid |q| of each joint, (n,): 1e5 rad for revolute joints, no bound for prismatic ones."""
-    return np.array([LARGEST_ARGUMENT if joint.turns else _LARGEST for joint in chain.all_joints])
+    """Return the largest valid |q| of each position: 1e5 rad for revolute joints, no bound for prismatic ones."""
+    joints = chain.all_joints
+    largest = [LARGEST_ARGUMENT if joint.turns else _LARGEST for joint in joints]
+    return np.repeat(np.array(largest, float), np.array([joint.type.position_count for joint in joints], int))
 
 
 def invalid_mask(found: Mapping[str, Array], ranks: Mapping[str, int], largest: Array, batch: int) -> Array | None:

@@ -11,7 +11,13 @@ from holdfast.compiled.forest_code import ForestCode
 from holdfast.compiled.forest_schedule import forward_outputs, traced_solution, with_constant_arms, with_constants
 from holdfast.compiled.result import INDETERMINATE, OK, SINGULAR
 from holdfast.compiled.traced_chain import Given
-from holdfast.dynamics.tree.forest_balance import power_into
+from holdfast.compiled.traced_forest import (
+    AGREEING,
+    ClosureForces,
+    closure_margins,
+    limited_closures,
+    traced_instant,
+)
 from holdfast.dynamics.tree.forest_closing import FOREST_CLOSED
 from holdfast.dynamics.tree.forest_inverse import (
     CarryingForces,
@@ -25,20 +31,22 @@ from holdfast.dynamics.tree.forest_inverse import (
 )
 from holdfast.dynamics.tree.forest_projection import ClosingRound, closing_round
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
-from holdfast.dynamics.tree.forest_simulate import ForestAccount, ForestInstant, ForestReference, gaps_and_energies
+from holdfast.dynamics.tree.forest_simulate import (
+    ForestAccount,
+    ForestInstant,
+    ForestReference,
+    closed_near,
+    gaps_and_energies,
+)
 from holdfast.dynamics.tree.varied_forest import (
     ForestArguments,
-    position_rates,
     rates_of_positions,
     unit_quaternions,
 )
-from holdfast.forces.margins import contact_margin, limited
 from holdfast.model.forest import Forest
 from holdfast.questions.arrays import Shape, contact_of
 from holdfast.spatial.scalar import Array, array, where
-from holdfast.spatial.spatial_vector import unrotate
 
-AGREEING = 1e-9  # relative: what rows leave over that agree
 LONGEST_FORCES = 200_000  # operations of the smallest forces above which they are left to NumPy
 _FORCES = ("closure_wrench", "coupling_force")
 _ACCOUNT = ("position_gap", "velocity_gap", "kinetic", "potential")
@@ -66,8 +74,11 @@ class CompiledForestEngine:
         found = {name: x[name].copy() for name in ForestInstant._fields if name in x and x[name].ndim}
         return ForestInstant(**found, unique=status == OK, condition=float(x["condition"]), rank=rank)  # pyright: ignore
 
-    def closing(self, q: Array, qd: Array) -> ClosingRound:
+    def closed(self, q: Array, qd: Array) -> tuple[Array, Array, tuple[float, float]]:
         """See `ForestEngine`."""
+        return closed_near(self._closing_round, self.forest, q, qd)
+
+    def _closing_round(self, q: Array, qd: Array) -> ClosingRound:
         x = self._closing(q=q, qd=qd)
         gaps = float(x["position_gap"]), float(x["velocity_gap"])
         return ClosingRound(x["closed_q"].copy(), x["closed_qd"].copy(), *gaps, float(x["rank"]))
@@ -132,9 +143,7 @@ class CompiledForestEngine:
     @cached_property
     def _dynamics(self) -> ForestCode:
         def function(given: Given) -> dict[str, Any]:
-            at = self._arguments(given)
-            rates, power = position_rates(at.forest, at.q, at.qd), array(power_into(at, at.motion({})))
-            return forward_outputs(traced_solution(self.forest, given)) | {"q_rates": rates, "power": power}
+            return traced_instant(self.forest, self._arguments(given))
 
         forest = self.forest
         outputs: dict[str, Shape] = {"qdd": (forest.velocity_count,), "closure_wrench": (len(forest.closures), 6)}
@@ -180,7 +189,7 @@ class CompiledForestEngine:
     @cached_property
     def _margins(self) -> ForestCode:
         forest, rank = self.forest, self.rank or 0
-        limits = [bool(limited(contact_of(closure.grasp)) < np.inf) for closure in forest.closures]
+        limits = limited_closures(forest)
 
         def function(given: Given) -> dict[str, Any]:
             made = with_constants(forest)
@@ -191,15 +200,10 @@ class CompiledForestEngine:
                     q, qd, gap, *_ = closing_round(made, q, qd, with_constant_arms(forest))
             given = {**given, "q": q, "qd": qd}
             found, motion = forward_outputs(traced_solution(forest, given)), self._arguments(given).motion({})
-            wrenches = [*found["closure_wrench"]]
-            if not unique:
-                wrenches, _ = least_forces(motion, forest_rows(motion), wrenches, [*found["coupling_force"]], rank)
-            margins = [
-                contact_margin(c.contact.grasp.kind, contact, unrotate(c.contact.R, f)) if has else np.inf
-                for c, contact, f, has in zip(motion.closures, given["contact"], wrenches, limits, strict=True)
-            ]
+            forces = ClosureForces(found["closure_wrench"], found["coupling_force"])
+            margins = closure_margins(forest, motion, forces, given["contact"], rank)
             status = where(gap <= FOREST_CLOSED, found["status"], float(SINGULAR))
-            return {"margin": array(margins), "status": status, "rank": found["rank"]}
+            return {"margin": margins, "status": status, "rank": found["rank"]}
 
         outputs: dict[str, Shape] = {"margin": (len(forest.closures),), **dict.fromkeys(("status", "rank"), ())}
         return ForestCode(

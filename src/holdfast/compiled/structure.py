@@ -17,6 +17,7 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import code_key, digest_of, fingerprint
+from holdfast.model.forest import Forest
 from holdfast.model.grasp import WrenchLimits
 from holdfast.model.grasp_kinds import GraspKind
 
@@ -57,7 +58,7 @@ class Options:
     iterations: int | None = None
 
 
-def require_rank(generic_rank: Any, chain: ClosedChain, what: str) -> None:
+def require_rank(generic_rank: Any, chain: ClosedChain | Forest, what: str) -> None:
     """Refuse what is no rank of a chain's grasp constraint.
 
     Raises:

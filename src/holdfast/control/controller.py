@@ -295,6 +295,11 @@ def held_torques(joint_count: int) -> ControlLaw:
     return ControlLaw(_held, parameters={"tau": (joint_count,)}, key="held")
 
 
+def holds_torques(law: ControlLaw) -> bool:
+    """Return whether a law is that of `held_torques`."""
+    return law.torque is _held
+
+
 def controller_of(joint_count: int, given: Controller | ControlLaw | None) -> Controller | ControlLaw:
     """Return the controller of a run; without joints, None stands for the law without torques.
 

@@ -9,10 +9,12 @@ from weakref import WeakSet
 
 import numpy as np
 
+from holdfast.compiled.traced_forest import traced_inverse
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw, LawParameters, known_breakpoints
+from holdfast.dynamics.tree.forest_inverse import inverse_code
 from holdfast.errors import HoldfastError, ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
@@ -87,7 +89,11 @@ def law_outputs(
     values = LawParameters({name: as_traced(given[f"control.{name}"]) for name in law.parameters})
     if not isinstance(law.torque, ControllerTorque):
         state, memory = comparable(state), as_traced(memory)
-    found = law.torque(t, state, memory, values)
+    token = inverse_code.set(traced_inverse if state.q.dtype == object else inverse_code.get())
+    try:
+        found = law.torque(t, state, memory, values)
+    finally:
+        inverse_code.reset(token)
     if not isinstance(found, tuple) or len(found) != 2:
         raise CompileError(f"control law: expected torques and memory, got {type(found).__name__}; try `tau, memory`")
     none = found[1] is None and not len(law.memory)

@@ -215,7 +215,7 @@ def joint_coordinates(chain: ClosedChain, q: Array) -> Array:
     """Return the positions of joints in the order of qd, (..., n); 0 for a spherical joint, which has no limits."""
     if chain.position_count == chain.joint_count:
         return q
-    found, p, v = np.zeros((*q.shape[:-1], chain.joint_count)), 0, 0
+    found, p, v = np.zeros((*q.shape[:-1], chain.joint_count), q.dtype), 0, 0
     for joint in chain.all_joints:
         if not joint.type.quaternion:
             found[..., v] = q[..., p]

@@ -12,6 +12,7 @@ from holdfast.errors import SingularChainError, StateError
 from holdfast.interop.jax_arguments import checked, require_jax, require_names
 from holdfast.interop.jax_call import JaxRoute, batched, callback
 from holdfast.interop.jax_pose import pose_cotangent, pose_gradient
+from holdfast.model.serial_chain import serial_chain
 from holdfast.questions.arrays import POSES, results_of, shapes, state_fields
 from holdfast.simulation.rollout.adjoint import BEFORE, adjoint_shapes
 from holdfast.simulation.rollout.arguments import step_lengths, whole_number
@@ -48,6 +49,7 @@ class JaxRollout:
         steps: Any,
         schedule: Sequence[str],
     ) -> None:
+        serial_chain(rollout.chain, "to_jax: rollout: chain")
         state, law, chain = tuple(state_fields(rollout.chain)), rollout.law.parameters, rollout.chain
         memory = (LAW_MEMORY,) if len(rollout.law.memory) else ()
         known = (*state, *memory, "tau", *results_of(chain))

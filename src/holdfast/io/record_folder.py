@@ -228,7 +228,7 @@ def _systems(arrays: dict[str, Array], name: str, chain: ClosedChain) -> Rollout
         and all(x.shape[:1] == begin.shape for x in carried.values())
         and all(x.ndim and len(x) in (1, len(begin)) for x in inputs.values())
         and all(x.dtype == np.float64 for x in (*carried.values(), begin, length))
-        and carried["q"].shape[1:] == (chain.joint_count,)
+        and carried["q"].shape[1:] == (chain.position_count,)
         and np.isin(code, np.arange(len(ROLLOUT_STATUSES))).all()
     ):
         raise Damage("systems: arrays are missing, or have other shapes: damaged")

@@ -369,7 +369,18 @@ def link_parameters(chain: ClosedChain) -> tuple[str, ...]:
 
 def shapes(chain: ClosedChain) -> dict[str, Shape]:
     """Return the shapes of all arrays of a chain, by name."""
-    return {name: row.shape(chain) for name, row in ARRAYS.items()}
+    found = {name: row.shape(chain) for name, row in ARRAYS.items()}
+    return {**found, **_shapes_of_forest(chain)} if chain.beyond_serial else found
+
+
+def _shapes_of_forest(chain: ClosedChain) -> dict[str, Shape]:
+    """Return the shapes of arrays of chains with branches, which may hold several objects, or none."""
+    count, closures = len(chain.free_objects), len(chain.as_forest.closures)
+    several = () if count == 1 else (count,)
+    own: dict[str, Shape] = {"q": (chain.position_count,), "object_pose": (*several, 7)}
+    own |= dict.fromkeys(("object_twist", "object_wrench", "object_acceleration"), (*several, 6))
+    own |= {"grasp_wrench": (closures, 6), CONTACTS: (closures, 7)}
+    return own | {"coupling_force": (len(chain.all_couplings),)}
 
 
 def gradient_shapes(chain: ClosedChain) -> dict[str, Shape]:

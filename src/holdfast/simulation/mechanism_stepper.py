@@ -17,7 +17,6 @@ from holdfast.dynamics.tree.forest_simulate import (
     ForestReference,
     ForestSample,
     Slope,
-    closed_near,
     forest_step,
 )
 from holdfast.dynamics.tree.mechanism_terms import (
@@ -45,7 +44,7 @@ from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS, Advance
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import Inputs, State, found_state, shaped_inputs
 
 
@@ -88,7 +87,7 @@ class MechanismStepper:
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, closed, and the gaps before and after; see `Stepper`."""
         chain = self.environment.chain
-        q, qd, drift = closed_near(self.engine, chain.as_forest.forest, *flat_state(chain, state))
+        q, qd, drift = self.engine.closed(*flat_state(chain, state))
         now = self.evaluate(t, chain_state(chain, q, qd), memory)
         return now, _gaps(drift, now)
 
@@ -113,7 +112,7 @@ class MechanismStepper:
             def whole() -> Instant:
                 if now.sample.now.unique:
                     return self._moment(t, found)
-                closed = closed_near(self.engine, forest, q, qd)
+                closed = self.engine.closed(q, qd)
                 return self._moment(t, self._acting(t, None, *closed[:2], now.memory))
 
             return late_instant(t, (found.state.q, found.state.qd, found.tau), None, whole)
@@ -171,7 +170,7 @@ class MechanismStepper:
             return found.given
 
         try:
-            step = forest_step(self.engine, acting, now.sample, end, partial(_increment, self.scheme))
+            step = forest_step(self.engine, acting, now.sample, end, partial(increment, self.scheme))
             later = self.evaluate(end, chain_state(chain, step.q, step.qd), now.memory)
         except (SingularChainError, ClosureError, StateError) as cause:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
@@ -267,7 +266,7 @@ def _of_joints(chain: ClosedChain, at: MechanismMoment) -> tuple[Array, Array, A
     return joint_coordinates(chain, at.state.q), at.state.qd, at.accelerations[joint_rows(chain)]
 
 
-def _increment(scheme: Tableau, first: Array, h: float, slope: Slope) -> tuple[Array, list[Array]]:
+def increment(scheme: Tableau, first: Array, h: Scalar, slope: Slope) -> tuple[Array, list[Array]]:
     """Return the increment of a step and the estimates of its error; see `forest_simulate.Scheme`."""
     step, found = runge_kutta_step(first, h, scheme, lambda i, y: (float(scheme.c[i]) * h, y)), None
     while True:

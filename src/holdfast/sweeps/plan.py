@@ -20,7 +20,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
 from holdfast.questions.arrays import state_fields
-from holdfast.simulation.rollout.arguments import CHAINS, number, step_options, whole_number, whole_steps
+from holdfast.simulation.rollout.arguments import chain_arguments, number, step_options, whole_number, whole_steps
 from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutSystems
@@ -83,7 +83,8 @@ class Plan(Frozen):
             StateError: a distribution does not fit its parameter.
         """
         shapes = sample_shapes(self.rollout)
-        found: dict[str, Any] = {name: getattr(self.state, at) for name, at in state_fields(self.rollout.chain).items()}
+        fields = state_fields(self.rollout.chain).items()
+        found: dict[str, Any] = {name: getattr(self.state, at).reshape(shapes[name]) for name, at in fields}
         for name, sample in self.samples.items():
             shape = shapes[name]
             if isinstance(sample, ParameterDistribution):
@@ -200,7 +201,7 @@ def sample_shapes(rollout: Rollout) -> dict[str, tuple[int, ...]]:
     """Return the shapes of arrays that may differ between runs: parameters of law and chain, and the initial state."""
     chain, kernel = rollout.chain, rollout.kernel
     own = {"base_pose": (len(chain.arms), 7), "grasp_pose": (len(chain.grasps), 7)}
-    shapes = {name: own[name] if name in own else kernel.externals[name].shape for name in CHAINS}
+    shapes = {name: own[name] if name in own else kernel.externals[name].shape for name in chain_arguments(kernel)}
     return {**shapes, **{name: kernel.carried[name] for name in state_fields(chain)}, **kernel.law.parameters}
 
 

@@ -221,10 +221,10 @@ def forest_positions(forest: Forest, q: ArrayLike) -> Array:
     """Return checked positions with unit quaternions.
 
     Raises:
-        StateError: the shape is wrong, or a quaternion is not of unit length.
+        StateError: the shape is wrong, or a quaternion is not of unit length; those that are traced are not checked.
     """
     found = np.array(checks.numbers(q, (forest.position_count,), "q", StateError))
-    for at, _ in forest.quaternions:
+    for at, _ in forest.quaternions if found.dtype != object else ():
         length = float(np.linalg.norm(found[at]))
         if abs(length - 1.0) > checks.ROTATION_TOLERANCE:
             k = next(k for k, part in enumerate(forest.positions) if part.start == at.start < part.stop)

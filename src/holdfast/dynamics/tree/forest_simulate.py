@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -86,16 +87,20 @@ class ForestAccount(NamedTuple):
     potential: float
 
 
-class ForestEngine(Protocol):
-    """How a run evaluates a forest: by the reference or by machine code."""
+class StepEngine(Protocol):
+    """How a step evaluates a forest: by the reference, by machine code, or as part of the code of the whole step."""
 
     def instant(self, given: ForestArguments) -> ForestInstant:
         """Return what a step needs at one time."""
         ...
 
-    def closing(self, q: Array, qd: Array) -> ClosingRound:
-        """Return positions and rates nearer to the closures."""
+    def closed(self, q: Array, qd: Array) -> tuple[Array, Array, tuple[Scalar, Scalar]]:
+        """Return closed positions and rates near some, and the largest gaps in position and velocity before."""
         ...
+
+
+class ForestEngine(StepEngine, Protocol):
+    """How a run evaluates a forest: by the reference or by machine code."""
 
     def account(self, given: ForestArguments, now: ForestInstant) -> ForestAccount:
         """Return what is recorded of an instant."""
@@ -128,9 +133,9 @@ class ForestReference(NamedTuple):
         forces = found.closure_wrench, found.coupling_force
         return ForestInstant(found.qdd, rates, power, *forces, found.status is Status.OK, found.condition, found.rank)
 
-    def closing(self, q: Array, qd: Array) -> ClosingRound:
+    def closed(self, q: Array, qd: Array) -> tuple[Array, Array, tuple[Scalar, Scalar]]:
         """See `ForestEngine`."""
-        return closing_round(self.forest, q, qd)
+        return closed_near(partial(closing_round, self.forest), self.forest, q, qd)
 
     def account(self, given: ForestArguments, now: ForestInstant) -> ForestAccount:
         """See `ForestEngine`."""
@@ -177,7 +182,7 @@ class ForestStep(NamedTuple):
     q: Array
     qd: Array
     work: Array
-    drift: tuple[float, float]
+    drift: tuple[Scalar, Scalar]
     estimates: list[Array]
 
 
@@ -201,7 +206,7 @@ def classical(first: Array, h: float, slope: Slope) -> tuple[Array, list[Array]]
 
 
 def forest_step(
-    engine: ForestEngine, acting: Acting, start: ForestSample, until: float, scheme: Scheme = classical
+    engine: StepEngine, acting: Acting, start: ForestSample, until: Scalar, scheme: Scheme = classical
 ) -> ForestStep:
     """Return one step of a forest.
 
@@ -228,18 +233,18 @@ def forest_step(
         _require_finite(y)
         q, qd = unit_quaternions(forest, (x + y)[:n_q]), (x + y)[n_q : n_q + n_v]
         if not start.now.unique:
-            q, qd, _ = closed_near(engine, forest, q, qd)
+            q, qd, _ = engine.closed(q, qd)
         return _rates(engine.instant(acting(t + later, q, qd)))
 
     y, estimates = scheme(_rates(start.now), until - t, slope)
     _require_finite(y)
     moved = x + y
-    q, qd, drift = closed_near(engine, forest, unit_quaternions(forest, moved[:n_q]), moved[n_q : n_q + n_v])
+    q, qd, drift = engine.closed(unit_quaternions(forest, moved[:n_q]), moved[n_q : n_q + n_v])
     return ForestStep(q, qd, y[n_q + n_v :], drift, estimates)
 
 
 def _require_finite(y: Array) -> None:
-    if not np.isfinite(y).all():
+    if y.dtype != object and not np.isfinite(y).all():  # of traced numbers, a status says so
         raise StateError("the step overflows float64; try a smaller time step")
 
 
@@ -269,13 +274,21 @@ def forest_steps(engine: ForestEngine, q: Array, qd: Array, acting: Acting, time
         yield sample
 
 
-def closed_near(engine: ForestEngine, forest: Forest, q: Array, qd: Array) -> tuple[Array, Array, tuple[float, float]]:
+def closed_near(
+    closing: Callable[[Array, Array], ClosingRound], forest: Forest, q: Array, qd: Array
+) -> tuple[Array, Array, tuple[float, float]]:
     """Return closed positions and rates near some, and the largest gaps in position and velocity before.
+
+    Args:
+        closing: takes a round, `closing_round` or its machine code.
+        forest: bodies, closures and couplings.
+        q: (n_q,) positions with unit quaternions.
+        qd: (n_v,) rates.
 
     Raises:
         ClosureError: they cannot be closed from there.
     """
-    rounds = [*closing_rounds(engine.closing, q, qd)]
+    rounds = [*closing_rounds(closing, q, qd)]
     first, last = rounds[0], rounds[-1]
     closed = last if last.position_gap <= FOREST_CLOSED else forest_close(forest, q, qd)
     return closed.q, closed.qd, (float(first.position_gap), float(first.velocity_gap))

@@ -173,14 +173,12 @@ def _of_objects(chain: ClosedChain) -> tuple[slice, tuple[int, ...]]:
 def body_wrenches(chain: ClosedChain, given: Inputs) -> Array:
     """Return the external wrenches on all bodies, (bodies, 6); `given` are shaped inputs."""
     found = chain.as_forest
-    wrenches = np.zeros((len(found.forest.bodies), 6))
-    if given.trunk_link_wrenches is not None:
-        wrenches[: len(found.trunk)] = given.trunk_link_wrenches
-    if given.link_wrenches is not None:
-        wrenches[len(found.trunk) : len(wrenches) - len(found.objects)] = given.link_wrenches
+    trunk, objects = len(found.trunk), len(found.objects)
+    links = len(found.forest.bodies) - trunk - objects
+    rows = zip((given.trunk_link_wrenches, given.link_wrenches), (trunk, links), strict=True)
+    on_links = [np.zeros((count, 6)) if x is None else x for x, count in rows]
     assert given.object_wrench is not None
-    wrenches[len(wrenches) - len(found.objects) :] = np.reshape(given.object_wrench, (-1, 6))
-    return wrenches
+    return np.concatenate([*on_links, np.reshape(given.object_wrench, (-1, 6))])
 
 
 def _moving_bases(chain: ClosedChain, given: Inputs) -> tuple[dict[int, MovingBase], dict[int, MovingBase]]:

@@ -10,12 +10,14 @@ import numpy as np
 
 from holdfast.compiled import arrays
 from holdfast.compiled.parameters import WRENCHES, parse_parameters
-from holdfast.control.controller import ControlLaw
+from holdfast.control.controller import ControlLaw, holds_torques
 from holdfast.control.sampled import EARLY, SampledTorque, require_steps
+from holdfast.dynamics.tree.mechanism_terms import require_passive
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.questions.arrays import FLOATING, LINKS, STATE, TRUNK_LINKS, state_fields
+from holdfast.model.serial_chain import answered_as_forest
+from holdfast.questions.arrays import FLOATING, LINKS, STATE, TRUNK_LINKS, shapes, state_fields
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
@@ -53,9 +55,14 @@ def state_arguments(chain: ClosedChain, *given: Any) -> dict[str, Any]:
         given: arrays in the order of `STATE` and `FLOATING`; the latter are None without a floating base.
 
     Raises:
-        StateError: the pose or twist of a floating base is missing, or is given although no base floats.
+        StateError: a part of the state is missing, or is given although no base floats.
     """
-    named = dict(zip((*STATE, *FLOATING), given, strict=True))
+    named, known = dict(zip((*STATE, *FLOATING), given, strict=True)), shapes(chain)
+    for name in STATE:
+        if named[name] is None:
+            if math.prod(known[name]):
+                raise StateError(f"{name}: expected shape {checks.shapes_with_rows(known[name], 'systems')}, got none")
+            named[name] = np.zeros(known[name])
     for name in FLOATING:
         if chain.floats and named[name] is None:
             raise StateError(f"{name}: expected that of the trunk's floating base, got none")
@@ -74,18 +81,27 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
         count: number of systems; an array has one row per system, or one value for all.
 
     Raises:
-        StateError: a name is unknown, a shape is wrong, or a parameter of the chain is not finite.
+        StateError: a name is unknown, a shape is wrong, a parameter of the chain is not finite, or a passive joint has
+            a torque.
     """
     laws, chains = kernel.law.parameters, {}
-    known = [*CHAINS, *(name for name in LINK_ARGUMENTS if name in kernel.externals)]
+    fixed = answered_as_forest(kernel.chain)
+    known = [*chain_arguments(kernel), *(name for name in LINK_ARGUMENTS if name in kernel.externals)]
     found: dict[str, Array] = {}
     for name, x in given.items():
         if name in laws:
             found[f"control.{name}"] = _rows(fitting(name, x, laws[name], count), laws[name])
+            if fixed and holds_torques(kernel.law):
+                require_passive(kernel.chain, np.abs(found["control.tau"]).max(axis=0, initial=0.0))
         elif name == "base_pose" and kernel.motions:
             raise StateError(f"base_pose: expected none, as {', '.join(kernel.motions)} moves as `base_motion` says")
         elif name in known:
             chains[name] = x
+        elif fixed and name in CHAINS + LINK_ARGUMENTS and name not in WRENCHES:
+            raise StateError(
+                f"{name}: expected none, as all numbers of a chain that is answered as a forest are constants of its"
+                " machine code; try a rollout of another chain"
+            )
         elif name in LINK_ARGUMENTS:
             option = "link_wrench" if name in WRENCHES else "link_inertia"
             raise StateError(
@@ -97,6 +113,11 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
         shape = kernel.externals[name].shape
         found[name] = _rows(fitting(name, x, shape, count), shape)
     return found
+
+
+def chain_arguments(kernel: StepKernel) -> list[str]:
+    """Return those of `CHAINS` that a kernel takes; chains that are answered as forests are constants of theirs."""
+    return [name for name in CHAINS if name in kernel.externals or not answered_as_forest(kernel.chain)]
 
 
 def kernel_arguments(kernel: StepKernel, given: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:

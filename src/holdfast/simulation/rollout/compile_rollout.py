@@ -8,13 +8,20 @@ from holdfast.compiled.structure import optional_parameters, require_rank
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_torques
 from holdfast.control.traced_law import law_of, require_function
 from holdfast.errors import MethodNotApplicable, ModelError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import require_machine_code, serial_chain
+from holdfast.model.serial_chain import (
+    answered_as_forest,
+    require_machine_code,
+    require_unused,
+    serial_chain,
+    without_contacts,
+)
 from holdfast.simulation.environment import BaseMotion, Environment, GivenInputs, take_state
 from holdfast.simulation.rollout.arguments import require_free_names
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.user_functions import require_functions
-from holdfast.simulation.runge_kutta import MIDPOINT
+from holdfast.simulation.runge_kutta import IMEX, MIDPOINT
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 
 
@@ -36,6 +43,9 @@ def compile_rollout(
     before, which the systems keep as `touch_force`, and are found anew where these do not lead to impulses that satisfy
     the laws; the status of a system in which none are found is UNLAWFUL.
 
+    All numbers of a chain with branches, loops, couplings or several objects are constants of the machine code, and the
+    rank of its constraint is that of the first system: another one is SINGULAR. Its passive joints take no torque.
+
     Args:
         chain: arms, object and grasps.
         law: a `ControlLaw`, or a controller of the library that can be traced. Without a law, the torques are passed to
@@ -45,7 +55,8 @@ def compile_rollout(
         generic_rank: rank of the grasp constraint away from singular configurations; by default it is determined from
             the first systems.
         base_motion: functions t -> (pose, twist, acceleration) of moving bases, by arm name or "trunk", as for
-            `simulate`. They become part of the machine code, so the rules for writing control laws apply.
+            `simulate`, of chains without branches. They become part of the machine code, so the rules for writing
+            control laws apply.
         inputs: external wrenches that depend on t or on (t, state), as for `simulate`. They become part of the machine
             code, so the rules for writing control laws apply. Wrenches passed to calls are added to them.
         parameters: names of optional groups of arguments, as for `compile`: `link_inertia` (link_mass, link_com,
@@ -59,8 +70,8 @@ def compile_rollout(
         ModelError: the scheme is unknown or adaptive, a parameter of the law has the name of another argument, a base
             motion belongs to no arm, the inputs are not a function of (t) or (t, state), or one of these functions
             depends on more than its arguments.
-        MethodNotApplicable: the chain is no chain of serial arms, or its contacts need another scheme or have no
-            machine code.
+        MethodNotApplicable: the contacts of the chain need another scheme or have no machine code, or a chain with
+            branches is given what is for serial arms.
         StateError: an optional group of arguments is unknown, or `generic_rank` is not a rank.
         CompileError: (at the first start) the law, a base motion or the inputs cannot be traced; the message names the
             line.
@@ -70,13 +81,16 @@ def compile_rollout(
         raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
     if not isinstance(chain, ClosedChain):
         raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
-    serial_chain(chain, "rollout: chain")
+    if forest := answered_as_forest(chain):
+        _require_of_forest(chain, named, base_motion, parameters)
+    else:
+        serial_chain(chain, "rollout: chain")
     if chain.touching is not None and named != MIDPOINT.name:
         raise MethodNotApplicable(
             f"rollout: scheme: expected 'midpoint' with contacts, got {named!r}; try it, or no scheme"
         )
     require_machine_code(chain, "rollout")
-    require_rank(generic_rank, chain, "rollout")
+    require_rank(generic_rank, chain.forest if forest else chain, "rollout")
     traced = held_torques(chain.joint_count) if law is None else _traced(law, chain)
     if law is not None:
         require_free_names(traced.parameters)
@@ -87,6 +101,21 @@ def compile_rollout(
         take_state(inputs)
     require_functions(motions, inputs, chain)
     return Rollout(chain, traced, named, generic_rank, motions, options, inputs)
+
+
+def _require_of_forest(chain: ClosedChain, scheme: str, base_motion: object, parameters: object) -> None:
+    """Refuse what rollouts of chains that are answered as forests do not take.
+
+    Raises:
+        MethodNotApplicable: naming it.
+    """
+    require_unused(base_motion=bool(base_motion), scheme=scheme == IMEX.name)
+    without_contacts(chain, "rollout: chain that is answered as a forest")
+    if checks.is_listed(parameters) and "link_inertia" in parameters:  # pyright: ignore[reportOperatorIssue]
+        raise MethodNotApplicable(
+            "rollout: parameters: expected 'link_wrench' or none for a chain that is answered as a forest, got"
+            " 'link_inertia': all its numbers are constants of the machine code; try a rollout of another chain"
+        )
 
 
 def _traced(law: ControlLaw | Controller, chain: ClosedChain) -> ControlLaw:

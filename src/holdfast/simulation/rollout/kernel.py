@@ -54,19 +54,31 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dic
         law: its control law.
         options: options of the machine code.
     """
-    n, grasps, memory = chain.joint_count, (len(chain.grasps),), (len(law.memory),)
-    own: dict[str, Shape] = {"slope": (increment_size(chain),), "drive": (n,), "memory": memory}
-    own |= {"rank": (), "condition": (), "margin": grasps, TOUCH_WRENCH: (6,)}
-    known = shapes(chain) | own
+    grasps = (len(chain.grasps),)
+    own = own_shapes(chain.joint_count, *grasps, len(law.memory), options)
+    known = shapes(chain) | own | {"slope": (increment_size(chain),), TOUCH_WRENCH: (6,)}
     found = {name: known[name] for name in traced_step.step_results(chain)}
-    found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
-    found |= {"worst_margin": grasps, "worst_time": grasps}
-    found |= {"resolution": (4,)} if options.resolution else {}
+    found = {**found, **own}
     found |= {"error": ()} if options.adaptive else {}
     found |= {stage_values.ASKED: stage_values.asked_shape(chain, options.stages)} if options.stages else {}
     if options.held:  # for velocity and, if they differ, for position; see `dynamics.closed.held_rows`
         found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
     return {name: shape for name, shape in found.items() if math.prod(shape) or name in ALWAYS_CARRIED}
+
+
+def own_shapes(joints: int, margins: int, memory: int, options: Options) -> dict[str, Shape]:
+    """Return the shapes of those of these arrays that are only of steps, by name, without the slope.
+
+    Args:
+        joints: number of joints.
+        margins: number of margins.
+        memory: size of the law's memory.
+        options: options of the machine code.
+    """
+    found: dict[str, Shape] = {"drive": (joints,), "memory": (memory,), "rank": (), "condition": ()}
+    found |= {"margin": (margins,), "work": (4,), "gaps": (4,), "code": (), "count": (), "before": (memory,)}
+    found |= {"worst_margin": (margins,), "worst_time": (margins,)}
+    return found | ({"resolution": (4,)} if options.resolution else {})
 
 
 def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:
@@ -178,25 +190,45 @@ class StepKernel:
         """Store what is to be compiled at the first step; `quick` shortens the compilation at the cost of run time."""
         self.chain, self.law, self.motions, self.acting = chain, law, dict(motions or {}), acting
         self.generic_rank = generic_rank
-        held = 0 <= generic_rank < chain.constraint_row_count
-        self.structure = structure = Structure(chain, replace(options or Options(), held=held))
-        externals = step_externals(structure, law)
-        self.model = model = traced_step.StepModel(structure, law, self.motions, acting)
-        take_step = stage_values.step if structure.options.stages else traced_step.step
-        take_step = traced_impulses.step if structure.options.contacts else take_step
-        step, slopes = partial(take_step, model, tableau), partial(traced_step.evaluation, model)
+        self.structure = structure = self.structured(options or Options())
+        self.carried = self.carried_shapes()
+        self.externals = externals = self.step_externals()
+        self.model = traced_step.StepModel(structure, law, self.motions, acting)
+        step, slopes = self.functions(tableau)
         self.step_code = batch_kernel(self.computation(f"step/{tableau.name}", externals, step), quick)
         self._slopes = batch_kernel(self.computation("evaluation", externals, slopes), quick)
         self._questions: dict[SystemQuestion, tuple[BatchKernel, Table, Mapping[str, External]]] = {}
         self.adjoints: dict[Any, Any] = {}  # values are `adjoint.AdjointKernel`, created on demand
-        self.carried = carried_shapes(chain, law, structure.options)
-        self.externals = externals
-        own = parameters_of(chain, generic_rank) | {"limits": np.array(joint_limits(chain))}
+        own = self.own_parameters()
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         self.defaults: Systems = dict.fromkeys(("least_margin", "least_joint_margin"), np.array(-np.inf))
         self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0), "notice": np.array(0.0)}
         self._required = externals.keys() - self.parameters.keys() - self.defaults.keys()
         self._own = Table(externals, self.parameters | self.defaults)
+
+    def structured(self, options: Options) -> Structure:
+        """Return what the compiler sees."""
+        held = 0 <= self.generic_rank < self.chain.constraint_row_count
+        return Structure(self.chain, replace(options, held=held))
+
+    def carried_shapes(self) -> dict[str, Shape]:
+        """Return the shapes of the arrays that a system carries between two steps, by name."""
+        return carried_shapes(self.chain, self.law, self.structure.options)
+
+    def step_externals(self) -> dict[str, External]:
+        """Return the arrays of a step: inputs, parameters, and carried arrays."""
+        return step_externals(self.structure, self.law)
+
+    def own_parameters(self) -> dict[str, Array]:
+        """Return the chain's own parameters by name."""
+        return parameters_of(self.chain, self.generic_rank) | {"limits": np.array(joint_limits(self.chain))}
+
+    def functions(self, tableau: Tableau) -> tuple[Callable[..., Any], Callable[..., Any]]:
+        """Return the functions of a step, and of the slopes at the current states."""
+        options = self.structure.options
+        take_step = stage_values.step if options.stages else traced_step.step
+        take_step = traced_impulses.step if options.contacts else take_step
+        return partial(take_step, self.model, tableau), partial(traced_step.evaluation, self.model)
 
     def with_new_inputs(self, tableau: Tableau) -> Computation:
         """Return the computation of a step that also evaluates the slope at its start, as its inputs have changed."""

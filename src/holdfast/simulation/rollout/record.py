@@ -21,6 +21,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.link import Link
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.names import called
 from holdfast.questions.arrays import LINKS, TRUNK_LINKS, link_rows, state_fields
 from holdfast.simulation.accounts import accounts_of
@@ -35,6 +36,7 @@ from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, stop_margins, whole_number
 from holdfast.simulation.rollout.between_steps import ACCOUNTS
 from holdfast.simulation.rollout.fused_stepper import systems_at
+from holdfast.simulation.rollout.mechanism_replay import mechanism_samples
 from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems, status_summary
 from holdfast.simulation.rollout.user_functions import with_wrenches
 from holdfast.simulation.sample import Samples, recorded, sample, with_kept_modes
@@ -195,10 +197,12 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
     elif state is not RolloutStatus.RUNNING:
         stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
     # the forces at the start are those under the arguments of `start`, and those before jumps are not known
-    by_reference = [
-        _sample(world, rollout, {name: x[0] for name, x in row.items()}) for row in (rows[0], *before_jumps)
-    ]
-    parts = [*by_reference, *([_recorded(world, rollout, last, rows[1:])] if len(rows) > 1 else [])]
+    if answered_as_forest(rollout.chain):
+        parts = [mechanism_samples(world, rollout, [*rows, *before_jumps])]
+    else:
+        alone = [{name: x[0] for name, x in row.items()} for row in (rows[0], *before_jumps)]
+        parts = [_sample(world, rollout, row) for row in alone]
+        parts += [_recorded(world, rollout, last, rows[1:])] if len(rows) > 1 else []
     order = np.argsort(np.concatenate([part.t for part in parts]))
     run = joined(parts)
     run = replace(part_of(run, order, happened), stopped=stopped, every=stride)
@@ -228,16 +232,22 @@ def _advancing(rollout: Any, at: RolloutSystems, arguments: RolloutArguments) ->
 def _environment(rollout: Any, systems: RolloutSystems) -> Environment:
     """Return the environment of one system: the chain with the system's parameters, base motions and inputs."""
     inputs, parameters = kernel_arguments(rollout.kernel, systems.call_inputs)
-    fields = {name: systems.arrays[name][0] for name in state_fields(rollout.chain)}
-    own = rollout.kernel.parameters | parameters
-    chain = _with_own_bodies(system(rollout.chain, fields | own, 0)[0], own)
     on_links = {"link_wrenches": inputs.get("link_wrench"), "trunk_link_wrenches": inputs.get("trunk_link_wrench")}
-    given = Inputs(inputs["object_wrench"], **on_links)
+    given, chain = Inputs(inputs.get("object_wrench"), **on_links), rollout.chain
+    if not answered_as_forest(chain):  # all numbers of which are constants
+        chain = _chain_of(rollout, systems, parameters)
 
     def acting(t: float, state: State) -> Inputs:
         return given if rollout.inputs is None else with_wrenches(given, rollout.inputs, chain, t, state)
 
     return Environment(chain, rollout.base_motion, acting)
+
+
+def _chain_of(rollout: Any, systems: RolloutSystems, parameters: Mapping[str, Array]) -> ClosedChain:
+    """Return the chain with the parameters of one system."""
+    fields = {name: systems.arrays[name][0] for name in state_fields(rollout.chain)}
+    own = rollout.kernel.parameters | parameters
+    return _with_own_bodies(system(rollout.chain, fields | own, 0)[0], own)
 
 
 def _with_own_bodies(chain: ClosedChain, own: Mapping[str, Array]) -> ClosedChain:

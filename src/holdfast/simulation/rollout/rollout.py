@@ -15,10 +15,9 @@ from holdfast.compiled.kernels import compiling
 from holdfast.compiled.structure import Options
 from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.grasp_gap import POSITION_TOLERANCE
-from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import without_contacts
+from holdfast.model.serial_chain import answered_as_forest, serial_chain, without_contacts
 from holdfast.names import called
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
@@ -43,7 +42,7 @@ from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, diverged, followed
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
-from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, remembered, systems_at
+from holdfast.simulation.rollout.starting import hold_rows, located, rank_of, remembered, systems_at
 from holdfast.simulation.rollout.systems import RolloutSystems, passive_rates
 from holdfast.simulation.rollout.tape import Tape
 from holdfast.simulation.rollout.traced_step import GRASP_OPEN, LIMITED, PASSES_SINGULAR, SLIPPED, TOO_LONG
@@ -84,7 +83,9 @@ class Rollout:
         self.chain, self.law, self.scheme, self.generic_rank = chain, law, scheme, generic_rank
         self.base_motion, self.options, self.inputs = base_motion, options, inputs
         self.kernels = kernels_of(self)
-        self._stable_step = surely_stable_step(chain, np.zeros(chain.joint_count), scheme_of(scheme))
+        self._stable_step = np.inf  # of chains that are answered as forests, steps are only asked
+        if not answered_as_forest(chain):
+            self._stable_step = surely_stable_step(chain, np.zeros(chain.joint_count), scheme_of(scheme))
 
     @property
     def kernel(self) -> StepKernel:
@@ -107,8 +108,8 @@ class Rollout:
         self,
         q: Any,
         qd: Any,
-        object_pose: Any,
-        object_twist: Any,
+        object_pose: Any = None,
+        object_twist: Any = None,
         *,
         floating_pose: Any = None,
         floating_twist: Any = None,
@@ -123,8 +124,8 @@ class Rollout:
         Args:
             q: (systems, n) or (n,) joint positions [rad or m].
             qd: joint rates, of the same shape.
-            object_pose: (7,) wxyz_xyz.
-            object_twist: (6,) [omega; v of C], world axes.
+            object_pose: (7,) wxyz_xyz; (k, 7) of k objects, None without any.
+            object_twist: (6,) [omega; v of C], world axes; (k, 6) of k objects.
             floating_pose: (7,) wxyz_xyz of a trunk's floating base, if there is one.
             floating_twist: (6,) twist of its origin, world axes.
             memory: (m,) memory of the law; by default its initial memory.
@@ -339,9 +340,10 @@ class Rollout:
             **given: as for `step`.
 
         Raises:
-            MethodNotApplicable: the chain has `touching`: steps with a touch have no derivative.
+            MethodNotApplicable: the chain has `touching`, since steps with a touch have no derivative, or branches.
             StateError: a shape or name is wrong.
         """
+        serial_chain(self.chain, "rollout: tape: chain")
         without_contacts(self.chain, "rollout: tape")
         require_systems(systems)
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
@@ -351,8 +353,8 @@ class Rollout:
         """Return the systems projected onto the grasps and evaluated there."""
         require_threads(threads)
         given = {name: systems.arrays[name].copy() for name in state_fields(self.chain)}
-        if self.generic_rank is None and (near := next(closed_systems(self, systems), None)) is not None:
-            self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
+        if self.generic_rank is None and (rank := rank_of(self, systems)) is not None:
+            self.generic_rank = rank
             self.kernels = kernels_of(self)
         close = partial(self.advance_unconfirmed, h=systems.step_length, steps=1, least=NO_STOPS, threads=threads)
         if "held_rows" in self.kernel.carried:

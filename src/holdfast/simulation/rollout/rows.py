@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -53,7 +54,9 @@ def state_rows(states: Sequence[State]) -> dict[str, Array]:
 
 def velocities_in(systems: Mapping[str, Array]) -> Array:
     """Return the joint rates and the twists of the free bodies, (..., n + 6); a floating base adds six entries."""
-    return np.concatenate([systems[name] for name in ("qd", *TWISTS) if name in systems], axis=-1)
+    lead = systems["qd"].shape[:-1]
+    parts = [systems[name] for name in ("qd", *TWISTS) if name in systems]
+    return np.concatenate([x.reshape(*lead, math.prod(x.shape[len(lead) :])) for x in parts], axis=-1)
 
 
 def late(systems: Systems, row: int, t: float, chain: ClosedChain, tau: Array, whole: Callable[[], Instant]) -> Instant:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +14,14 @@ from holdfast.compiled.statuses import MOST_TRIED, system
 from holdfast.compiler.schedule import External
 from holdfast.control.controller import ControlLaw
 from holdfast.control.sampled import SampledTorque, initial_memories
-from holdfast.dynamics.rank import closed_near, held_near
-from holdfast.errors import StateError
+from holdfast.dynamics.rank import closed_near, constraint_rank, generic_rank_near, held_near
+from holdfast.dynamics.tree.forest_simulate import ForestReference
+from holdfast.dynamics.tree.mechanism_terms import flat_state
+from holdfast.dynamics.tree.varied_forest import ForestArguments
+from holdfast.errors import ClosureError, SingularChainError, StateError
+from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.arguments import fitting, kernel_arguments
@@ -45,9 +51,40 @@ def systems_at(rollout: Rollout, given: Mapping[str, Any], memory: Any, t: float
     found = rollout.kernel.systems(state, fitting("memory", memory, (len(rollout.law.memory),), count), count)
     bad = np.zeros(count, dtype=bool) if bad is None else bad
     for pose in (found[name] for name in given if name.endswith("pose")):
-        pose[~bad, :4] /= np.linalg.norm(pose[~bad, :4], axis=1, keepdims=True)
+        pose[~bad, ..., :4] /= np.linalg.norm(pose[~bad, ..., :4], axis=-1, keepdims=True)
+    for part in spherical_positions(rollout.chain):
+        length = np.linalg.norm(found["q"][:, part], axis=1, keepdims=True)
+        bad |= ~(np.abs(length[:, 0] - 1.0) <= ROTATION_TOLERANCE)
+        found["q"][~bad, part] /= length[~bad]
     found["code"][bad] = BROKEN
     return RolloutSystems(rollout.chain, found, np.full(count, t), np.zeros(count))
+
+
+def spherical_positions(chain: ClosedChain) -> list[slice]:
+    """Return the slices of q that hold quaternions of spherical joints."""
+    found, start = [], 0
+    for joint in chain.all_joints:
+        end = start + joint.type.position_count
+        found += [slice(start, end)] if joint.type.quaternion else []
+        start = end
+    return found
+
+
+def rank_of(rollout: Rollout, systems: RolloutSystems) -> int | None:
+    """Return the rank of the constraint near the first system that satisfies the grasps; None if none does.
+
+    Of a chain that is answered as a forest it is that of the system itself, as in `simulate`.
+    """
+    if not answered_as_forest(rollout.chain):
+        near = next(closed_systems(rollout, systems), None)
+        return None if near is None else generic_rank_near(*near, constraint_rank(*near))
+    forest = rollout.chain.as_forest.forest
+    engine, none = ForestReference(forest), np.zeros((len(forest.bodies), 6))
+    for row in np.flatnonzero(systems.running)[:MOST_TRIED].tolist():
+        with suppress(ClosureError, SingularChainError, StateError):
+            q, qd, _ = engine.closed(*flat_state(rollout.chain, systems.state(row)))
+            return engine.instant(ForestArguments(forest, q, qd, 0.0 * qd, none)).rank
+    return None
 
 
 def remembered(law: ControlLaw, before: RolloutSystems) -> Array | None:

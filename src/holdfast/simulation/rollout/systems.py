@@ -11,7 +11,7 @@ import numpy as np
 
 from holdfast.compiled.parameters import parameters_of
 from holdfast.errors import FrozenError, StateError
-from holdfast.forces.margins import joint_limits, margins_of_joints
+from holdfast.forces.margins import joint_coordinates, joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -95,7 +95,11 @@ class RolloutSystems:
     grasp_wrench: Array = _carried(
         "grasp_wrench",
         "(systems, arms, 6) [moment; force] of each arm on the object about the contact, world axes; where the forces"
-        " are not unique, one solution.",
+        " are not unique, one solution. Of a chain with branches (systems, grasps and loops, 6).",
+    )
+    coupling_force: Array = _carried(
+        "coupling_force",
+        "(systems, couplings) forces of couplings, see `MechanismResult`; as unique as `grasp_wrench`.",
     )
     touch_force: Array = _carried(
         "touch_force",
@@ -164,7 +168,8 @@ class RolloutSystems:
     @property
     def joint_margin(self) -> Array:
         """(systems, 3, n) margins of position, rate and effort, see `joint_margins`; infinite without a limit."""
-        found = margins_of_joints(joint_limits(self.chain), *(self.arrays[name] for name in ("q", "qd", "drive")))
+        q, qd, drive = (self.arrays[name] for name in ("q", "qd", "drive"))
+        found = margins_of_joints(joint_limits(self.chain), joint_coordinates(self.chain, q), qd, drive)
         return read_only(np.stack(found, axis=1))
 
     @property

@@ -231,6 +231,35 @@ class TracedSystem:
         h = self.given["step"][()]
         return run_step(take_step(self.state, first, h, times, tableau, passive), self.handle)
 
+    def results(self, now: Any) -> dict[str, Array]:
+        """Return what is known at a step's end, by the names of `step_results`, and held rows."""
+        end, found = now.state, now.found
+        whole = found.whole
+        kept = {name: getattr(end, field) for name, field in state_fields(self.real).items()}
+        kept |= {name: x for name, field in OF_TRUNK_RESULTS.items() if (x := getattr(whole, field)) is not None}
+        kept |= {"slope": now.slope(no_turns(end))} | {name: getattr(whole, name) for name in OF_SOLUTION}
+        kept |= {"drive": now.drive, "memory": now.memory}
+        kept |= {"rank": array(found.rank), "condition": array(found.condition)}
+        R, contacts = end.object_frame.R, self.given[CONTACTS]
+        kept["margin"] = margins_of_grasps(self.real, contacts, R, self.given["grasp_R"], whole.grasp_wrench)
+        return kept | ({} if found.held is None else {"held_rows": found.held}) | self.touches
+
+    def passes_singular(self, tableau: Tableau, end: State, drift: Gap) -> Scalar:
+        """Return 1 if the step probably passes a singular configuration; see `singular_steps`."""
+        return passes_singular(self, tableau, end, drift)
+
+    def velocities(self, state: State) -> Array:
+        """Return the velocities of joints and free bodies."""
+        return velocities_of(state)
+
+    def accelerations(self, state: State, slope: Array) -> Array:
+        """Return their time derivatives in the rate of an increment."""
+        return accelerations_of(state, slope)
+
+    def coordinates(self, q: Array) -> Array:
+        """Return the positions of the joints in the order of their rates, (n,)."""
+        return q
+
     def handle(self, request: EvaluationRequest) -> Any:
         """Return the reply to a request of a step; if the input `held` is set, states are not projected."""
         still = self.given["held"][()] > 0.5
@@ -259,16 +288,8 @@ def step_of(system: TracedSystem, tableau: Tableau) -> dict[str, Any]:
     """Return the same of a traced system."""
     given = system.given
     now, (drift, gaps), work, estimates = system.step_from(tableau, system.last("slope"))
-    end, found = now.state, now.found
-    whole = found.whole
-    kept = {name: getattr(end, field) for name, field in state_fields(system.real).items()}
-    kept |= {name: x for name, field in OF_TRUNK_RESULTS.items() if (x := getattr(whole, field)) is not None}
-    kept |= {"slope": now.slope(no_turns(end))} | {name: getattr(whole, name) for name in OF_SOLUTION}
-    kept |= {"drive": now.drive, "memory": now.memory, "rank": array(found.rank), "condition": array(found.condition)}
-    R, contacts = end.object_frame.R, given[CONTACTS]
-    kept["margin"] = margins_of_grasps(system.real, contacts, R, given["grasp_R"], whole.grasp_wrench)
-    kept |= ({} if found.held is None else {"held_rows": found.held}) | system.touches
-    passed = passes_singular(system, tableau, end, drift) * given["search"][()]
+    end, kept = now.state, system.results(now)
+    passed = system.passes_singular(tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, drift, gaps, passed)
     code, known = resolution(system, end, kept, code) if "last.resolution" in given else (code, {})
     if "tolerance" in given:
@@ -291,7 +312,8 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], drift: Gap, gaps:
     # x - x would detect the same, but it is folded to zero
     total = sum(sum(abs(entry) for entry in x.flat) for name, x in kept.items() if name != "margin")
     least = reduce(minimum, margins) if margins else float("inf")
-    of_joints = margins_of_joints(JointLimits(*given["limits"]), kept["q"], kept["qd"], kept["drive"])
+    q = system.coordinates(kept["q"])
+    of_joints = margins_of_joints(JointLimits(*given["limits"]), q, kept["qd"], kept["drive"])
     beyond = reduce(minimum, concatenate(of_joints), float("inf")) < given["least_joint_margin"][()]
     fault = where(beyond, float(LIMITED), float(RUNNING))
     fault = where(least < given["least_margin"][()], float(SLIPPED), fault)
@@ -319,8 +341,8 @@ def resolution(system: TracedSystem, end: State, kept: Mapping[str, Array], code
         kept: arrays at the step's end, by name.
         code: status code without regard to this.
     """
-    v0, v1 = velocities_of(system.state), velocities_of(end)
-    a0, a1 = (accelerations_of(end, slope) for slope in (system.last("slope"), kept["slope"]))
+    v0, v1 = system.velocities(system.state), system.velocities(end)
+    a0, a1 = (system.accelerations(end, slope) for slope in (system.last("slope"), kept["slope"]))
     gap = system.given["notice"][()] * leap(system.given["step"][()], v0, v1, a0, a1)
     if within_steps(system.law) is not system.law:  # a sample at the step's end changes the torques after it
         gap = where(largest_of(kept["drive"] - system.last("drive")) > 0.0, 0.0, gap)
@@ -356,7 +378,11 @@ def carried(
 
 def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
     """Return the slope at the current state with new inputs; the law is evaluated again with its previous memory."""
-    system = TracedSystem(model, given)
+    return evaluation_of(TracedSystem(model, given))
+
+
+def evaluation_of(system: TracedSystem) -> dict[str, Array]:
+    """Return the same of a traced system."""
     now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
     on = system.last("code")[()] < 0.5
     return {

@@ -1,0 +1,191 @@
+"""The traced time step of a chain that is answered as a forest: the step of `simulate`, by an engine that is traced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from holdfast.compiled.structure import Structure
+from holdfast.compiled.traced_chain import Given
+from holdfast.compiled.traced_forest import TracedForest
+from holdfast.control.controller import ControlLaw
+from holdfast.control.sampled import within_steps
+from holdfast.dynamics.projection import Gap
+from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
+from holdfast.dynamics.tree.forest_simulate import ForestInstant, ForestSample, forest_step
+from holdfast.dynamics.tree.mechanism_terms import (
+    body_wrenches,
+    chain_arrays_of,
+    chain_results,
+    driven_joints,
+    flat_rates,
+    joint_rows,
+)
+from holdfast.dynamics.tree.varied_forest import ForestArguments
+from holdfast.forces.margins import joint_coordinates
+from holdfast.model.fingerprint import code_key, digest_of
+from holdfast.questions.arrays import CONTACTS, FLOATING_RESULT, state_fields
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.increment import OF_WORK
+from holdfast.simulation.joint_friction import friction_torque
+from holdfast.simulation.mechanism_stepper import increment
+from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, evaluation_of, step_of
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.step import StepResult
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
+from holdfast.state import Inputs, State, found_state
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismStructure(Structure):
+    """A chain that is answered as a forest, as the compiler sees it.
+
+    Attributes:
+        rank: rank of its constraint; None if it is not known yet, and full rank is assumed.
+    """
+
+    rank: int | None = None
+
+    @cached_property
+    def key(self) -> str:
+        """A digest of everything on which the code depends."""
+        chain = self.chain
+        layout = chain.floats, len(chain.free_objects), chain.position_count, [*chain.as_forest.closures]
+        forest = code_key(chain.as_forest.forest)
+        return digest_of([forest.encode(), repr((self.options, self.rank, layout)).encode()])
+
+
+class MechanismEvaluation(NamedTuple):
+    """The evaluation of a system at one state.
+
+    Attributes:
+        state: positions and velocities.
+        given: the arguments of its forest.
+        now: what is found there.
+        drive: (n,) torques of the law.
+        memory: memory that the law has returned.
+    """
+
+    state: State
+    given: ForestArguments
+    now: ForestInstant
+    drive: Array
+    memory: Array
+
+    def slope(self, turns: object = None) -> Array:
+        """Return the rates of positions, velocities and works, as those of `forest_step`."""
+        return concatenate([self.now.q_rates, self.now.qdd, self.now.power])
+
+
+class MechanismSystem(TracedSystem):
+    """One system of a chain that is answered as a forest, during the tracing of a step."""
+
+    def __init__(self, model: StepModel, given: Given) -> None:
+        structure = model.structure
+        assert isinstance(structure, MechanismStructure)
+        chain = structure.chain
+        none = np.zeros((len(chain.free_objects), 6))
+        wrenches = given.get("object_wrench", none), given.get("link_wrench")
+        acting = Inputs(*wrenches, trunk_link_wrenches=given.get("trunk_link_wrench"))
+        super().__init__(model, given, Environment(chain, {}, acting))
+        forest = chain.as_forest.forest
+        self.engine = TracedForest(forest, forest.constraint_row_count if structure.rank is None else structure.rank)
+        self._undriven = ~driven_joints(chain)
+
+    def evaluate(
+        self,
+        t: Scalar,
+        state: State,
+        memory: Array,
+        choose: bool,
+        implicit: object = None,
+        law: ControlLaw | None = None,
+    ) -> Any:
+        """Return torques, accelerations, forces and power; see `TracedSystem.evaluate`."""
+        given, drive, kept = self._acting(t, state, memory, law or self.law)
+        now = self.engine.instant(given)
+        self.worst = self.engine.worst
+        return MechanismEvaluation(state, given, now, drive, kept)
+
+    def step_from(self, tableau: Tableau, first: Array) -> StepResult:
+        """Return the result of a step that begins with the slope `first`."""
+        chain, begin, memory, law = self.real, self.state, self.last("memory"), within_steps(self.law)
+        positions = chain.as_forest.forest.position_count
+        q_rates, qdd, power = np.split(first, [positions, len(first) - OF_WORK])
+        none = np.zeros(0)
+        now = ForestInstant(qdd, q_rates, power, none, none, self.engine.unique, 1.0, self.engine.rank)
+        start = ForestArguments(self.engine.forest, *_flat(begin), none, none)
+
+        def acting(later: Scalar, q: Array, qd: Array) -> ForestArguments:
+            return self._acting(self.time(0.0) + later, self._state(q, qd), memory, law)[0]
+
+        sample, h = ForestSample(0.0, start, now), self.given["step"][()]
+        step = forest_step(self.engine, acting, sample, h, partial(increment, tableau))
+        end = self.evaluate(self.time(1.0), self._state(step.q, step.qd), memory, True)
+        motion = end.given.motion({})
+        left = Gap(position_gaps(motion, step.q).largest, velocity_gaps(motion, step.qd).largest)
+        return StepResult(end, (Gap(*step.drift), left), step.work, step.estimates)
+
+    def results(self, now: MechanismEvaluation) -> dict[str, Array]:
+        """Return what is known at a step's end, by the names of carried arrays."""
+        chain, found = self.real, now.now
+        kept = {name: getattr(now.state, field) for name, field in state_fields(chain).items()}
+        joints, count = joint_rows(chain), 6 * len(chain.free_objects)
+        kept |= {"slope": now.slope(), "qdd": found.qdd[joints]}
+        of_objects = chain_results(chain)["object_acceleration"].shape
+        kept["object_acceleration"] = found.qdd[len(found.qdd) - count :].reshape(of_objects)
+        kept |= {FLOATING_RESULT: found.qdd[: joints.start]} if chain.floats else {}
+        kept |= {"grasp_wrench": found.closure_wrench, "coupling_force": found.coupling_force}
+        kept |= {"drive": now.drive, "memory": now.memory}
+        kept |= {"rank": array(found.rank), "condition": array(found.condition)}
+        return kept | {"margin": self.engine.margins(now.given, found, self.given[CONTACTS])}
+
+    def passes_singular(self, tableau: Tableau, end: State, drift: Gap) -> Scalar:
+        """Return 0: as in `simulate`, singular configurations within a step are not looked for."""
+        return 0.0
+
+    def velocities(self, state: State) -> Array:
+        """Return the rates of the forest, (n_v,)."""
+        return _flat(state)[1]
+
+    def accelerations(self, state: State, slope: Array) -> Array:
+        """Return their time derivatives in a slope, (n_v,)."""
+        return slope[self.engine.forest.position_count : len(slope) - OF_WORK]
+
+    def coordinates(self, q: Array) -> Array:
+        """Return the positions of the joints in the order of their rates, (n,)."""
+        return joint_coordinates(self.real, q)
+
+    def _state(self, q: Array, qd: Array) -> State:
+        return found_state(chain_arrays_of(self.real, q, qd))
+
+    def _acting(self, t: Scalar, state: State, memory: Array, law: ControlLaw) -> tuple[ForestArguments, Array, Array]:
+        """Return the arguments of the forest, torques, which are not numbers if a passive joint has one, and memory."""
+        drive, kept = self.torques(law, t, state, memory)
+        tau = [where(abs(x) <= 0.0, 0.0, np.nan) if no else x for x, no in zip(drive, self._undriven, strict=True)]
+        net = array(tau) - friction_torque(self.friction, state.qd) if self.friction.any() else array(tau)
+        _, inputs = self.surroundings(t, state)
+        drives = flat_rates(net, 0.0 * state.object_twist, None if state.base_twist is None else np.zeros(6))
+        wrenches = body_wrenches(self.real, inputs.shaped(self.real))
+        return ForestArguments(self.engine.forest, *_flat(state), drives, wrenches), drive, kept
+
+
+def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
+    """Return the carried arrays of a system after a step; see `traced_step.step`."""
+    return step_of(MechanismSystem(model, given), tableau)
+
+
+def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
+    """Return the slope at the current state with new inputs; see `traced_step.evaluation`."""
+    return evaluation_of(MechanismSystem(model, given))
+
+
+def _flat(state: State) -> tuple[Array, Array]:
+    """Return positions and rates in the order of the bodies of a chain's forest."""
+    return (
+        flat_rates(state.q, state.object_pose, state.base_pose),
+        flat_rates(state.qd, state.object_twist, state.base_twist),
+    )
