@@ -46,8 +46,9 @@ def main(cells: int = 1000, planted: int = 50) -> None:
         given.append(inside(one, found))
         claimed += bool(found.undetermined)
         estimated.append(inside(one, hf.calibrate(one.model, one.q, sought(one))))
-    print(f"{cells} random cells: the 90 % region holds {share(given)} of truths with given noise,")
-    print(f"  {share(estimated)} with estimated noise; {claimed} cells with something undetermined")
+        if (seed + 1) % 100 == 0 or seed + 1 == cells:
+            print(f"{seed + 1} random cells: the 90 % region holds {share(given)} of truths with given noise,")
+            print(f"  {share(estimated)} with estimated noise; {claimed} cells with something undetermined", flush=True)
     print(
         f"{'planted':<22} {'cells':>5} {'found':>6}  {'worst cosine':>12}  {'more than planted':>17}  90 % region holds"
     )

@@ -19,7 +19,7 @@ from holdfast.identification.machine import instants
 from holdfast.identification.machine.coloured_noise import autoregressions
 from holdfast.identification.machine.identify_machine import moving, without_object
 from holdfast.identification.machine.log_cholesky import body_at, coordinates_of, no_thinner, reference_factor
-from holdfast.identification.machine.rows import errors_without_friction
+from holdfast.identification.machine.rows import forces_without_friction
 from holdfast.identification.machine.unknowns import machine_unknowns
 from holdfast.robots import HOME, panda
 from holdfast.simulation.joint_friction import friction_torque
@@ -407,7 +407,7 @@ def test_machine_code_of_many_samples_gives_the_equations_of_a_few(held, monkeyp
     assert given.tau is not None
     unknowns = machine_unknowns(chain, "tau", kinds, Prior(), given.tau, np.ones(given.tau.shape[1]), 1.0)
     one = np.ones(given.tau.shape[1])
-    (few,) = errors_without_friction(chain, [given], unknowns, one)
+    (few,) = forces_without_friction(chain, [given], unknowns, one)
     monkeypatch.setattr(instants, "MANY", 1)
-    _, many = errors_without_friction(chain, [given, given], unknowns, one)
+    _, many = forces_without_friction(chain, [given, given], unknowns, one)
     assert np.allclose(few, many, rtol=0.0, atol=1e-10 * np.abs(few).max())

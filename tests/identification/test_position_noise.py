@@ -75,3 +75,48 @@ def test_noise_of_positions_enters_deviations_of_a_closed_chain(by):
         assert any("positions have noise of up to" in note for note in found.notes)
     assert len(squares) > 20
     assert 0.2 < np.mean(squares) < 2.5 and max(squares) < 20.0
+
+
+def carried_by_a_floating_robot(samples: int) -> tuple[hf.ClosedChain, Recording]:
+    """Return an arm on a free body with a box in its hand, without gravity, and a simulated run of it."""
+    at = [hf.Pose.translation(0.0, y, z) for y, z in ((0.2, 0.1), (0.0, 0.2), (0.0, 0.4), (0.0, 0.2))]
+    joints = [hf.Joint(axis=axis, placement=one) for axis, one in zip(np.eye(3)[::-1], at[:3], strict=True)]
+    links = [hf.Link(2.0, [0.01, 0.0, 0.2], np.diag([0.03, 0.03, 0.005]))] * 2
+    arm = hf.Arm(joints, [*links, hf.Link(1.0, [0, 0, 0.1], np.diag([0.01, 0.01, 0.002]))], at[3])
+    trunk = hf.Trunk(floating=hf.Link(10.0, [0.02, 0.01, 0.05], np.diag([0.4, 0.3, 0.5])))
+    grasps = {"arm": hf.Grasp("rigid", hf.Pose.translation(0.0, 0.0, -0.1))}
+    chain = hf.ClosedChain({"arm": arm}, BOX, grasps, np.zeros(3), trunk, {"arm": "base"})
+    q, still, here, duration = np.array([0.3, 0.5, -0.4]), np.zeros(6), np.r_[1.0, np.zeros(6)], 2.0
+    state = hf.close(chain, hf.State(q, np.zeros(3), here, still, base_pose=here, base_twist=still))
+
+    def law(t: float, now: hf.State, memory: object) -> tuple[np.ndarray, object]:
+        wanted = q + np.sin(np.pi * t / duration) ** 4 * np.sin(2.0 * np.pi * np.array([0.9, 1.3, 1.1]) * t)
+        return 60.0 * (wanted - now.q) - 6.0 * now.qd, memory
+
+    run = hf.simulate(chain, state, law, duration, duration / samples / 4, every=4)
+    unseen = dict.fromkeys(("object_pose", "object_twist", "object_acceleration"))
+    return chain, replace(Recording.of_run(run), **unseen)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("noisy", ["torques", "positions", "base"])
+def test_what_no_sensor_measures_on_a_floating_base_does_not_count_as_exact(noisy):
+    """The balance of the base would: with noisy positions, deviations were 1e-13 of the errors."""
+    chain, exact = carried_by_a_floating_robot(100)
+    assert exact.tau is not None and exact.base_acceleration is not None
+    model = replace(chain, held_object=hf.HeldObject.box(1.0, 0.2, 0.2, 0.2))
+    right, squares = np.array([BOX.mass, *BOX.com, *BOX.inertia[np.triu_indices(3)]]), []
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        given = replace(exact, tau=exact.tau + TORQUES * random.normal(size=exact.tau.shape))
+        if noisy == "positions":
+            given = replace(given, q=exact.q + 1e-4 * random.normal(size=exact.q.shape), qd=None, qdd=None)
+        elif noisy == "base":
+            off = 0.05 * random.normal(size=exact.base_acceleration.shape)
+            given = replace(given, base_acceleration=exact.base_acceleration + off)
+        for kinds in (["payload"], None):
+            found = hf.identify(model, given, by="tau", unknowns=kinds)
+            sure = np.isfinite([found.deviations[name] for name in found.names])
+            assert sure.all()
+            squares += ((found.values - right) ** 2 / np.diag(found.covariance)).tolist()
+    assert 0.2 < np.mean(squares) < 4.0 and max(squares) < 25.0

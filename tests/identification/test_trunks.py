@@ -101,11 +101,12 @@ def test_machine_code_of_many_samples_gives_the_equations_of_a_few(floating, mon
     unknowns = machine_unknowns(p.chain, "tau", ("payload", "links"), Prior(), recording.tau, np.ones(n), 1.0)
     few = equations_at(p.chain, recording, unknowns)
     monkeypatch.setattr(instants, "MANY", 1)
-    A, b, P, ranks = equations_at(p.chain, recording, unknowns)
-    products = [np.concatenate([one[0], one[1][:, :, None], one[2]], axis=2) for one in (few, (A, b, P))]
+    many = equations_at(p.chain, recording, unknowns)
+    A, b, _, P, ranks = many
+    products = [np.concatenate([one[0], one[1][:, :, None], one[2], one[3]], axis=2) for one in (few, many)]
     first, second = (x.transpose(0, 2, 1) @ x for x in products)  # in which the bases of the motions do not enter
     assert np.allclose(first, second, rtol=0.0, atol=1e-10 * np.abs(first).max())
-    assert (ranks == few[3]).all()
+    assert (ranks == few[4]).all()
     right = np.concatenate([inertial_parameters(p.chain.held_object), *bodies(p.chain)])
     assert np.abs(A @ right + b - np.einsum("src,sc->sr", P, recording.tau)).max() < 1e-7
 

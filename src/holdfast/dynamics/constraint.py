@@ -46,6 +46,11 @@ class ConstraintRows(NamedTuple):
         return np.hstack([self.joints, self.object, self.base])
 
     @property
+    def on_driven_base(self) -> ConstraintRows:
+        """The rows for velocities with which a floating base stays where it is."""
+        return self._replace(base=self.base[:, :0])
+
+    @property
     def motions(self) -> Array:
         """An orthonormal basis of the null space, which is that of the allowed velocities, (n + 6, m). O(n^3)."""
         matrix = self.matrix

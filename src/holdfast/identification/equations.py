@@ -15,7 +15,9 @@ grasp forces do no work, these are
 
     N_C^T (Y_C pi - w) + N_q^T (M qdd + C + damping qd + friction + ... - tau) = -N_q^T noise
 
-With a floating base, N_b^T times the wrench that would be needed to drive the base is added on the left.
+A floating base stays where it is in the motions N, while the base itself moves as recorded. Other motions would add the
+balance of the base, in which no measurement has a share: it would count as exact, and is not, since rates and
+accelerations of base and joints are measured or smoothed.
 
 The unknowns have two sets of coordinates. The equations are linear in products of the entries of x; plain quantities
 
@@ -72,6 +74,8 @@ class Equations:
 
     Attributes:
         rows: (samples, r, features) coefficients of the features.
+        motions: (samples, r, freedoms) orthonormal, along which the rows are: of joints and object; with wrists, axes
+            at C.
         maps: (samples, r, channels) from the noise of the channels to the rows.
         measured: (samples, channels) measurements [N m, N].
         kept: by recording, which samples these are. Others are left out because their configuration is singular, so
@@ -79,6 +83,7 @@ class Equations:
     """
 
     rows: Array
+    motions: Array
     maps: Array
     measured: Array
     kept: list[Array]
@@ -95,18 +100,18 @@ def equations(chain: ClosedChain, recordings: list[Recording], settings: Setting
     usual = Counter(len(one[0]) for part in found for one in part).most_common(1)[0][0]
     kept = [np.array([len(one[0]) == usual for one in part]) for part in found]
     used = [one for part in found for one in part if len(one[0]) == usual]
-    rows, maps, measured = (np.array(part) for part in zip(*used, strict=True))
-    return Equations(rows, maps, measured, kept)
+    rows, motions, maps, measured = (np.array(part) for part in zip(*used, strict=True))
+    return Equations(rows, motions, maps, measured, kept)
 
 
-def rows_of_samples(chain: ClosedChain, recording: Recording, settings: Settings) -> list[tuple[Array, Array, Array]]:
-    """Return rows, maps and measurements of each sample."""
+def rows_of_samples(chain: ClosedChain, recording: Recording, settings: Settings) -> list[tuple[Array, ...]]:
+    """Return rows, motions, maps and measurements of each sample."""
     of_sample = wrist_rows if settings.source == "wrist_wrench" else torque_rows
     return [of_sample(chain, recording, k, settings) for k in range(len(recording))]
 
 
-def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
-    """Return rows, maps and measurements of a sample, from wrist wrenches."""
+def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, ...]:
+    """Return rows, motions, maps and measurements of a sample, from wrist wrenches."""
     assert recording.wrist_wrench is not None
     state, alpha, inputs = _sample(chain, recording, k)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
@@ -122,11 +127,11 @@ def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Setti
     bias = X if settings.sensor_bias else np.zeros((6, 0))
     columns = _object_columns(chain, state, alpha, settings)
     last = [-right[:, None]] + ([np.zeros((6, 3))] if settings.gravity else [])
-    return np.hstack([*columns, bias, *last]), X, measured.ravel()
+    return np.hstack([*columns, bias, *last]), np.eye(6), X, measured.ravel()
 
 
-def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
-    """Return the rows of the equations that joint torques give at a sample, their maps and their measurements."""
+def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, ...]:
+    """Return the rows that joint torques give at a sample, their motions, their maps and their measurements."""
     assert recording.tau is not None and recording.qd is not None and recording.qdd is not None
     state, alpha, inputs = _sample(chain, recording, k)
     qdd, tau, n = recording.qdd[k], recording.tau[k], chain.joint_count
@@ -137,25 +142,23 @@ def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Sett
     base = None if recording.base_acceleration is None else recording.base_acceleration[k]
 
     def needed(motion: ChainMotion) -> Array:
-        """Return the torques, and with a floating base the wrench, that trunk and arms need without the object."""
+        """Return the torques that trunk and arms need without the object."""
         none = np.zeros((len(chain.arms), 6))
         if motion.trunk is None:
             return torques(motion, qdd, none)
-        found = trunk_torques(motion, qdd, none, base)
-        return found.tau if base is None else np.concatenate([found.tau, found.base])
+        return trunk_torques(motion, qdd, none, base).tau
 
     motion = moved(np.zeros(3) if settings.gravity else chain.gravity)
     assert motion.object_case is not None
-    N = constraint_rows(motion).motions
-    joints, free = N[:n].T, N[n : n + 6].T
-    moving = np.vstack([N[:n], N[n + 6 :]]).T  # of joints and floating base
+    N = constraint_rows(motion).on_driven_base.motions
+    joints, free = N[:n].T, N[n:].T
     here = needed(motion)
     tau = tau - friction_torque(joint_friction(chain), recording.qd[k])
-    last = [(moving @ here - joints @ tau - free @ motion.object_case.wrench)[:, None]]
+    last = [(joints @ (here - tau) - free @ motion.object_case.wrench)[:, None]]
     if settings.gravity:
-        last += [np.array([moving @ (needed(moved(axis)) - here) for axis in np.eye(3)]).T]
+        last += [np.array([joints @ (needed(moved(axis)) - here) for axis in np.eye(3)]).T]
     columns = [free @ part for part in _object_columns(chain, state, alpha, settings)]
-    return np.hstack([*columns, *last]), joints, recording.tau[k]
+    return np.hstack([*columns, *last]), N.T, joints, recording.tau[k]
 
 
 def _sample(chain: ClosedChain, recording: Recording, k: int) -> tuple[State, Array, Inputs]:

@@ -149,7 +149,7 @@ def _covariance(
     scores = scores + LEAST_RESIDUAL_NOISE**2 * np.einsum("srj,srk->jk", J, J)
     raw = fit.weights.transpose(0, 2, 1) @ J
     for one in motion:
-        scores = scores + one.score(system.maps, values, raw)
+        scores = scores + one.score(system.motions, values, raw)
     influence = split.unknowns.sizes[:, None] * (inverse - split.fixed @ (split.fixed.T @ inverse))
     return influence @ scores @ influence.T
 

@@ -103,7 +103,7 @@ def _weighted(
     if motion:
         known = np.zeros((*system.rows.shape[:2], system.rows.shape[1]))
         for one in motion:
-            known[one.samples] += one.spread(system.maps, unknowns.features(x)[0])
+            known[one.samples] += one.spread(system.motions, unknowns.features(x)[0])
     W = whitener(system.maps, noise, known)
     rows = W @ system.rows
     _, R = np.linalg.qr(rows.reshape(-1, rows.shape[2]))

@@ -1,8 +1,9 @@
 """What the noise of recorded positions does to the equations, of which it changes the coefficients.
 
-The errors of smoothing splines, of known covariance, change the residuals rows @ features by G = maps @ H, with
+The errors of smoothing splines, of known covariance, change the residuals rows @ features by G = motions @ H, with
 sensitivities H found by differences in some of the samples, and between them by interpolation, since motions are
-smooth. As errors of the measurements (H instead of G), they do not depend on the basis of a sample's rows.
+smooth. As forces along all freedoms (H instead of G), they do not depend on the basis of a sample's rows, and those on
+an object that turns freely in its grasps, which no measurement shows, are among them.
 """
 
 from __future__ import annotations
@@ -36,11 +37,11 @@ class JointNoise:
         samples: the samples of the equations that belong to the recording.
         evaluations: of the spline, only for the samples that the equations have.
         covariance: (samples, k, k) covariance of the k errors in each of these samples.
-        sensitivities: (nodes, k, channels, features) H for each of the features.
+        sensitivities: (nodes, k, freedoms, features) H for each of the features.
             Without dry friction, which changes too fast where a joint turns back.
         nodes: (nodes,) times at which these are known.
         t: (samples,) times.
-        rubbing: (samples, k, channels) derivatives of a dry friction of unit size by the k errors.
+        rubbing: (samples, k, freedoms) derivatives of a dry friction of unit size by the k errors.
         friction: (features,) by which the features give the size of the joint's dry friction.
     """
 
@@ -54,27 +55,27 @@ class JointNoise:
     rubbing: Array
     friction: Array
 
-    def spread(self, maps: Array, features: Array) -> Array:
-        """Return (samples, r, r), the covariance of the residuals."""
-        G = self._of_rows(maps, features)
+    def spread(self, motions: Array, features: Array) -> Array:
+        """Return (samples, r, r), the covariance of the residuals of rows along motions (samples, r, freedoms)."""
+        G = self._of_rows(motions, features)
         return np.einsum("sra,sab,stb->srt", G, self.covariance, G)
 
-    def score(self, maps: Array, features: Array, slopes: Array) -> Array:
+    def score(self, motions: Array, features: Array, slopes: Array) -> Array:
         """Return the covariance (k, k) of the sum of slopes^T residuals, for slopes (samples, r, k)."""
-        G = self._of_rows(maps, features)
+        G = self._of_rows(motions, features)
         parts = np.einsum("srk,sra->ask", slopes[self.samples], G)
         weights = [E.T @ part for E, part in zip(self.evaluations, parts, strict=True)]
         return self.spline.covariance(np.sum(weights, axis=0))
 
-    def _of_rows(self, maps: Array, features: Array) -> Array:
+    def _of_rows(self, motions: Array, features: Array) -> Array:
         H = _at_all(self.nodes, self.sensitivities @ features, self.t) + self.rubbing * float(self.friction @ features)
-        return np.einsum("src,sac->sra", maps[self.samples], H)
+        return np.einsum("srf,saf->sra", motions[self.samples], H)
 
 
 def motion_noise(
     recordings: list[tuple[Recording, list[Smoothed]]],
     kept: list[Array],
-    as_channels: Callable[[Sequence[Recording]], list[Array]],
+    as_forces: Callable[[Sequence[Recording]], list[Array]],
     friction: Array,
 ) -> list[JointNoise]:
     """Return the errors of all joints whose positions (or rates) are not exact.
@@ -84,8 +85,8 @@ def motion_noise(
     Args:
         recordings: recordings with joint rates and accelerations, and what was smoothed to find these.
         kept: by recording, which samples the equations have.
-        as_channels: returns (samples, channels, features) of each of some recordings, the rows without dry friction as
-            errors of the measurements in their place.
+        as_forces: returns (samples, freedoms, features) of each of some recordings, the rows without dry friction as
+            forces along all freedoms.
         friction: (n, features) by which the features give the sizes of the joints' dry friction; 0 if it does not
             enter.
     """
@@ -99,7 +100,7 @@ def motion_noise(
         part = recording.part(nodes)
         noisy = [(one, joint) for one in smoothed for joint, spline in enumerate(one.splines) if spline.noise]
         changed = [_moved(part, name, joint) for one, joint in noisy for name in one.names]
-        at_nodes, *moved = as_channels([part, *changed])
+        at_nodes, *moved = as_forces([part, *changed])
         changes = iter(moved)
         for one, joint in noisy:
             spline = one.splines[joint]
@@ -124,10 +125,10 @@ def payload_noise(
     if settings.source == "tau":
         friction[:, _known(settings)] = joint_friction(chain)
 
-    def as_channels(given: Sequence[Recording]) -> list[Array]:
-        return [_as_channels(chain, one, settings) for one in given]
+    def as_forces(given: Sequence[Recording]) -> list[Array]:
+        return [_as_forces(chain, one, settings) for one in given]
 
-    return motion_noise(recordings, system.kept, as_channels, friction)
+    return motion_noise(recordings, system.kept, as_forces, friction)
 
 
 def _nodes(recording: Recording, kept: Array) -> Array:
@@ -154,14 +155,14 @@ def _known(settings: Settings) -> int:
     return -4 if settings.gravity else -1
 
 
-def _as_channels(chain: ClosedChain, recording: Recording, settings: Settings) -> Array:
-    """Return (samples, channels, features) of the equations of a payload, without dry friction."""
+def _as_forces(chain: ClosedChain, recording: Recording, settings: Settings) -> Array:
+    """Return (samples, freedoms, features) of the equations of a payload, without dry friction."""
     found = []
-    for k, (rows, maps, _) in enumerate(rows_of_samples(chain, completed(chain, recording), settings)):
+    for k, (rows, motions, maps, _) in enumerate(rows_of_samples(chain, completed(chain, recording), settings)):
         smooth = rows.copy()
         if settings.source == "tau" and recording.qd is not None:
             smooth[:, _known(settings)] -= maps @ friction_torque(joint_friction(chain), recording.qd[k])
-        found.append(np.linalg.pinv(maps) @ smooth)
+        found.append(motions.T @ smooth)
     return np.array(found)
 
 

@@ -203,7 +203,7 @@ class _Point:
         if motion:
             spread = np.zeros((*rows.b.shape, rows.b.shape[1]))
             for one in motion:
-                spread[one.samples] += one.spread(rows.P, self.features)
+                spread[one.samples] += one.spread(rows.N, self.features)
         self.W = whitener(self.maps * (deviations / noise)[:, None, :], noise, spread)
         self.share = None if spread is None else self.W @ spread @ self.W.transpose(0, 2, 1)
         self.residuals = rows.A @ self.x + rows.b - (self.maps @ y[:, :, None])[:, :, 0]
@@ -257,7 +257,7 @@ class _Point:
         if self.motion:
             raw = np.swapaxes(self.W, 1, 2) @ (self.columns * (weights**2)[:, :, None]) @ T
             for one in self.motion:
-                M += one.score(self.rows.P, self.features, raw)
+                M += one.score(self.rows.N, self.features, raw)
         if not coloured or all(len(one.a) == 1 for one in processes):
             if not self.motion:
                 return self.information(weights, around), processes, 1.0

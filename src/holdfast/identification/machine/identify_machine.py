@@ -21,7 +21,7 @@ from holdfast.identification.machine.prior import Prior
 from holdfast.identification.machine.rows import (
     MachineRows,
     channels,
-    errors_without_friction,
+    forces_without_friction,
     friction_of_features,
     machine_rows,
 )
@@ -125,10 +125,10 @@ def identify_machine(
         )
     gain = unknowns.gain(unknowns.start, y.shape[1])
 
-    def as_channels(given: Sequence[Recording]) -> list[Array]:
-        return errors_without_friction(chain, [_with_object(chain, one) for one in given], unknowns, gain)
+    def as_forces(given: Sequence[Recording]) -> list[Array]:
+        return forces_without_friction(chain, [_with_object(chain, one) for one in given], unknowns, gain)
 
-    motion = motion_noise(smoothed, rows.kept, as_channels, friction_of_features(unknowns, chain.joint_count))
+    motion = motion_noise(smoothed, rows.kept, as_forces, friction_of_features(unknowns, chain.joint_count))
     fit = machine_fit(rows, unknowns, channel_kinds(chain, by), noise, huber, motion=motion)
     found = machine_of(chain, unknowns, rows, fit, largest)
     notes = found.notes

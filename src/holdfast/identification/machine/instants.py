@@ -31,16 +31,16 @@ UNHELD_POSE = np.r_[1.0, np.zeros(6)]  # pose of an object that nobody holds
 
 
 class Instants(NamedTuple):
-    """The pieces of the equations of some samples; `rows` are the joints, and the wrench on a floating base.
+    """The pieces of the equations of some samples, for motions with the recorded one of a floating base.
 
     Attributes:
         qd: (samples, n) joint rates.
         qdd: (samples, n) joint accelerations.
-        links: (samples, rows, bodies, 10) what trunk and links need, by their inertial parameters.
-        drives: (samples, rows) what does not depend on these: armature, damping, springs, external wrenches.
+        links: (samples, n, bodies, 10) what trunk and links need, by their inertial parameters.
+        drives: (samples, n) what does not depend on these: armature, damping, springs, external wrenches.
         object: (samples, 6, 10) what the object needs, by its parameters.
         object_wrench: (samples, 6) what acts on it besides the grasps.
-        constraint: (samples, c, columns) K [J, -A]: joints, object, floating base.
+        constraint: (samples, c, n + 6) K [J, -A].
         held: (10,) parameters of the model's object.
         added: (10,) parameters of a body that was added to it; None for none.
     """
@@ -56,7 +56,7 @@ class Instants(NamedTuple):
     added: Array | None
 
     def motions(self) -> tuple[Array, Array]:
-        """Return bases of the motions that the grasps allow, as rows (samples, m, columns), and their numbers.
+        """Return bases of the motions that the grasps allow, as rows (samples, m, n + 6), and their numbers.
 
         Where a sample has fewer motions than others, its last rows are 0. Arms that hold nothing move freely.
         """
@@ -152,23 +152,21 @@ def _pieces(chain: ClosedChain, inputs: Inputs, state: State, x: Mapping[str, Ar
     Y = regressor_of(motion, state, x["qdd"], x.get("alpha", np.zeros(6)), base, inputs)
     return {
         "links": _link_columns(chain, Y),
-        "drives": np.concatenate([Y.drives, Y.base_wrench[: 6 * chain.floats]]),
+        "drives": Y.drives,
         "object": Y.object,
         "object_wrench": Y.object_wrench,
-        "constraint": constraint_rows(motion).matrix,
+        "constraint": constraint_rows(motion).on_driven_base.matrix,
     }
 
 
 def _link_columns(chain: ClosedChain, Y: Regressor) -> Array:
-    """Return the torques, and the wrench on a floating base, per parameters of trunk and links, (rows, bodies, 10)."""
+    """Return the torques per parameters of trunk and links, (n, bodies, 10)."""
     n, found = chain.joint_count, []
     for name in ((TRUNK,) if TRUNK in Y.links else ()) + chain.names:
         own = Y.links[name]
-        part = np.zeros((n + 6 * chain.floats, own.shape[1], 10), own.dtype)
+        part = np.zeros((n, own.shape[1], 10), own.dtype)
         part[chain.joints[name]] = own
         if name in Y.under:
             part[chain.joints[TRUNK]] = Y.under[name]
-        if name in Y.base:
-            part[n:] = Y.base[name]
         found.append(part)
     return np.concatenate(found, axis=1)

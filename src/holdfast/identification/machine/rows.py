@@ -39,7 +39,8 @@ class MachineRows:
     Attributes:
         A: (samples, r, p) coefficients of the linear unknowns.
         b: (samples, r) what is known.
-        P: (samples, r, channels).
+        N: (samples, r, freedoms) the motions along which the rows are, of joints and object; with wrists, axes at C.
+        P: (samples, r, channels), the joints' columns of N; with wrists, from their wrenches to C.
         y: (samples, channels) measurements.
         used: (samples, channels) which of these count.
         t: (samples,) times.
@@ -49,6 +50,7 @@ class MachineRows:
 
     A: Array
     b: Array
+    N: Array
     P: Array
     y: Array
     used: Array
@@ -68,7 +70,9 @@ def machine_rows(chain: ClosedChain, recordings: list[Recording], unknowns: Mach
     values, often = np.unique(np.concatenate([ranks for *_, ranks in found]), return_counts=True)
     usual = int(values[np.argmax(often)])
     kept = [ranks == usual for *_, ranks in found]
-    A, b, P = (np.concatenate([one[i][keep, :usual] for one, keep in zip(found, kept, strict=True)]) for i in range(3))
+    A, b, N, P = (
+        np.concatenate([one[i][keep, :usual] for one, keep in zip(found, kept, strict=True)]) for i in range(4)
+    )
     y = np.concatenate([channels(chain, one, unknowns.by)[ks] for one, ks in zip(recordings, kept, strict=True)])
     used = np.ones(y.shape, bool)
     if unknowns.by in ("tau", "current"):
@@ -77,19 +81,20 @@ def machine_rows(chain: ClosedChain, recordings: list[Recording], unknowns: Mach
     t = np.concatenate([one.t[ks] for one, ks in zip(recordings, kept, strict=True)])
     ends = np.cumsum([0, *(int(one.sum()) for one in kept)]).tolist()
     parts = [slice(*ends) for ends in pairwise(ends) if ends[1] > ends[0]]
-    return MachineRows(A, b, P, y, used, t, parts, kept)
+    return MachineRows(A, b, N, P, y, used, t, parts, kept)
 
 
 def equations_at(chain: ClosedChain, recording: Recording, unknowns: MachineUnknowns) -> tuple[Array, ...]:
-    """Return A, b and P of all samples of a completed recording, and their numbers of rows, below which rows are 0."""
+    """Return A, b, N and P of all samples of a completed recording, and their numbers of rows; rows below are 0."""
     if unknowns.by not in ("tau", "current"):
         found = [wrist_rows(chain, recording, k, unknowns) for k in range(len(recording))]
         A, b, P = (np.array(one) for one in zip(*found, strict=True))
-        return A, b, P, np.full(len(b), b.shape[1])
+        count, r = b.shape
+        return A, b, np.broadcast_to(np.eye(r), (count, r, r)), P, np.full(count, r)
     pieces = [torque_rows(one, unknowns) for one in instants(chain, recording)]
     most = max(b.shape[1] for _, b, *_ in pieces)
-    A, b, P = (np.concatenate([_below(one[i], most) for one in pieces]) for i in range(3))
-    return A, b, P, np.concatenate([ranks for *_, ranks in pieces])
+    A, b, N, P = (np.concatenate([_below(one[i], most) for one in pieces]) for i in range(4))
+    return A, b, N, P, np.concatenate([ranks for *_, ranks in pieces])
 
 
 def _below(x: Array, rows: int) -> Array:
@@ -97,10 +102,10 @@ def _below(x: Array, rows: int) -> Array:
     return np.concatenate([x, np.zeros((len(x), rows - x.shape[1], *x.shape[2:]))], axis=1)
 
 
-def errors_without_friction(
+def forces_without_friction(
     chain: ClosedChain, recordings: Sequence[Recording], unknowns: MachineUnknowns, gain: Array
 ) -> list[Array]:
-    """Return (samples, channels, features), rows [A, b - P gain y] without dry friction in place of measurements.
+    """Return (samples, freedoms, features), rows [A, b - P gain y] without dry friction as forces along all freedoms.
 
     Args:
         chain: the chain.
@@ -109,21 +114,21 @@ def errors_without_friction(
         gain: (channels,) factors of the measurements.
     """
     if unknowns.by not in ("tau", "current"):
-        return [_as_errors(chain, one, unknowns, gain) for one in recordings]
+        return [_as_forces(chain, one, unknowns, gain) for one in recordings]
     ends = np.cumsum([len(one) for one in recordings])
-    return np.split(_as_errors(chain, _joined(recordings), unknowns, gain), ends[:-1])
+    return np.split(_as_forces(chain, _joined(recordings), unknowns, gain), ends[:-1])
 
 
-def _as_errors(chain: ClosedChain, recording: Recording, unknowns: MachineUnknowns, gain: Array) -> Array:
-    """Return the errors of one recording; see `errors_without_friction`."""
-    A, b, P, _ = equations_at(chain, recording, unknowns)
+def _as_forces(chain: ClosedChain, recording: Recording, unknowns: MachineUnknowns, gain: Array) -> Array:
+    """Return the forces of one recording; see `forces_without_friction`."""
+    A, b, N, P, _ = equations_at(chain, recording, unknowns)
     rubs = unknowns.where("friction")
     if unknowns.by in ("tau", "current") and not len(rubs):
         assert recording.qd is not None
         b = b - np.einsum("src,sc->sr", P, friction_torque(unknowns.model_joints["friction"], recording.qd.T).T)
     A[:, :, rubs] = 0.0
     left = b - np.einsum("src,sc->sr", P, gain * channels(chain, recording, unknowns.by))
-    return np.linalg.pinv(P) @ np.concatenate([A, left[:, :, None]], axis=2)
+    return np.swapaxes(N, 1, 2) @ np.concatenate([A, left[:, :, None]], axis=2)
 
 
 def _joined(recordings: Sequence[Recording]) -> Recording:
@@ -155,11 +160,11 @@ def channels(chain: ClosedChain, recording: Recording, by: str) -> Array:
     return measured[:, [chain.names.index(name) for name in chain.grasps]].reshape(len(recording), -1)
 
 
-def torque_rows(at: Instants, unknowns: MachineUnknowns) -> tuple[Array, Array, Array, Array]:
-    """Return A, b and P of samples by what drives do, and their numbers of rows, below which rows are 0."""
+def torque_rows(at: Instants, unknowns: MachineUnknowns) -> tuple[Array, ...]:
+    """Return A, b, N and P of samples by what drives do, and their numbers of rows, below which rows are 0."""
     n, qd, qdd = at.qd.shape[1], at.qd, at.qdd
     N, ranks = at.motions()
-    joints, free, moving = N[:, :, :n], N[:, :, n : n + 6], np.delete(N, np.s_[n : n + 6], axis=2)
+    joints, free = N[:, :, :n], N[:, :, n:]
     fixed = [i for i in range(at.links.shape[2]) if i not in unknowns.links]
     known = at.drives + np.einsum("srkp,kp->sr", at.links[:, :, fixed], unknowns.link_parameters[fixed])
     s = friction_torque(np.ones(n), qd.T).T
@@ -171,21 +176,21 @@ def torque_rows(at: Instants, unknowns: MachineUnknowns) -> tuple[Array, Array, 
         "friction_asymmetry": s * s,
     }
     model = unknowns.model_joints
-    known[:, :n] += model["friction"] * s
+    known += model["friction"] * s
     columns = []
     for kind in unknowns.kinds:
         if kind in ON_JOINTS:
-            known[:, :n] -= model[kind] * by_kind[kind]
+            known -= model[kind] * by_kind[kind]
             columns.append(joints * by_kind[kind][:, None, :])
     weights = free @ at.object
-    of_links = moving @ at.links[:, :, unknowns.links].reshape(*known.shape, 10 * len(unknowns.links))
+    of_links = joints @ at.links[:, :, unknowns.links].reshape(*known.shape, 10 * len(unknowns.links))
     A = [*([weights] if "payload" in unknowns.kinds else []), of_links, *columns]
-    b = np.einsum("srj,sj->sr", moving, known) - np.einsum("sri,si->sr", free, at.object_wrench)
+    b = np.einsum("srj,sj->sr", joints, known) - np.einsum("sri,si->sr", free, at.object_wrench)
     if "payload" not in unknowns.kinds:
         b = b + weights @ at.held
     if at.added is not None:
         b = b + weights @ at.added
-    return np.concatenate(A, axis=2), b, joints, ranks
+    return np.concatenate(A, axis=2), b, N, joints, ranks
 
 
 def wrist_rows(
