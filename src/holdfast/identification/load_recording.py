@@ -394,7 +394,8 @@ def _notes_on_times(name: str, t: Array) -> list[str]:
     if not (far := np.flatnonzero(steps > USUAL_STEPS_OF_GAP * usual)).size:
         return []
     k = int(far[np.argmax(steps[far])])
+    gaps = "a gap of" if len(far) == 1 else f"{len(far)} gaps, the longest"
     return [
-        f"{name}: {len(far)} gaps, the longest {steps[k]:.3g} s at {t[k]:.6g} s, {steps[k] / usual:.3g} times the usual"
-        " interval; most likely samples were lost"
+        f"{name}: {gaps} {steps[k]:.3g} s at {t[k]:.6g} s, {steps[k] / usual:.3g} times the usual interval; most likely"
+        " samples were lost"
     ]

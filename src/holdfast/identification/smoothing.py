@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array, diags_array
 
@@ -108,9 +108,15 @@ class _Fit:
         _, self.noise, self.coefficients, self.triangle = self._solved(best)
 
     def _solved(self, exponent: float) -> tuple[float, float, Array, Array]:
-        """Return minus twice the restricted log likelihood, the noise, c and the factor of A, for a lambda."""
+        """Return minus twice the restricted log likelihood, the noise, c and the factor of A, for a lambda.
+
+        The first is infinite where float64 does not tell A from a singular matrix, as with little smoothing over a gap.
+        """
         weight = 10.0**exponent
-        L = cholesky_banded(self._gram + weight * self._penalty, lower=True)
+        try:
+            L = cholesky_banded(self._gram + weight * self._penalty, lower=True)
+        except LinAlgError:
+            return np.inf, np.nan, np.empty(0), np.empty((0, 0))
         c = cho_solve_banded((L, True), self._right)
         rest = self._y - self.evaluations[0] @ c
         bent = self._bent @ c
