@@ -13,6 +13,9 @@ including the derivative of s, E = 1 + n (mu u_t / s)^T. In Nesterov and Todd's 
 `smooth` is a part of kappa, but of a large kappa no more than of 0.3: forces that grew made kappa, with it y, and with
 y the forces grow without end. Begun at x = y = [1, 0, 0], closer to the cone's boundary, more paths end too soon.
 
+Without friction the matrix is positive definite. With friction a path may turn back, where the matrix is singular and
+steps become ever shorter. After a short step E is taken with a part of its coupling, which leads past some of these.
+
 References: Mehrotra, "On the implementation of a primal-dual interior point method", 1992; Nesterov and Todd,
 "Self-scaled barriers and interior-point methods for convex programming", 1997.
 """
@@ -46,6 +49,8 @@ LARGEST_DIRECTION = 1e100  # step of z that is taken
 LEAST_PRODUCT = 1e-10  # kappa at which the path ends
 INSIDE = 2.0  # x_n and y_n at its start
 LARGEST_SMOOTHED = 0.3  # kappa to which the rounding of |u_t| grows
+SHORT = 0.3  # length of a step after which the coupling in E is reduced
+REDUCED = 0.8  # part of it that is left
 
 
 class PathPace(NamedTuple):
@@ -69,12 +74,13 @@ CAUTIOUS = PathPace(80, 0.05, 0.6, 0.7)
 
 
 class ConePoint(NamedTuple):
-    """A point near the path: z, D u by z alone, and x and y of every contact inside of the cone."""
+    """A point near the path: z, D u by z alone, x and y of every contact inside of the cone, and the last step."""
 
     z: Array
     u: list[Array]
     x: list[Array]
     y: list[Array]
+    length: Scalar
 
 
 class ScaledContact(NamedTuple):
@@ -99,7 +105,7 @@ class Linearised(NamedTuple):
     Attributes:
         scaling: of Nesterov and Todd.
         square: (3, 3) W^2.
-        coupling: (2,) mu u_t / s, the row of E below its normal.
+        coupling: (2,) mu u_t / s, or a part of it, the row of E below its normal.
         gap: (3,) D u + s n - y.
         soft: factors of 1 + H E softness.
         part: (r, r) along^T (1 + H E softness)^-1 H E B.
@@ -135,7 +141,7 @@ def path_forces(contacts: list[ReducedContact], pace: PathPace = FAST, compliant
 
     own = each(scaled, contacts, stretches, roots)
     inside = [INSIDE * np.eye(len(contacts[0].free))[0]] * len(contacts)
-    start = ConePoint(0.0 * contacts[0].by_z[0], [c.free for c in own], inside, inside)
+    start = ConePoint(0.0 * contacts[0].by_z[0], [c.free for c in own], inside, inside, 1.0)
     last, _ = scan(lambda at, _: (_advanced(own, pace, at, compliant), None), start, [None] * pace.steps)
     return each(lambda D, root, x: (unit * reciprocal(root)) * (D * x), stretches, roots, last.x)
 
@@ -144,7 +150,8 @@ def _advanced(contacts: list[ScaledContact], pace: PathPace, at: ConePoint, comp
     """Return the next point: Mehrotra's predictor and corrector with one matrix."""
     kappa = sum(x @ y for x, y in zip(at.x, at.y, strict=True)) * (1.0 / len(contacts))
     smooth = pace.smooth * minimum(kappa, LARGEST_SMOOTHED)
-    of = each(lambda c, u, x, y: _linearised(c, u, x, y, smooth, compliant), contacts, at.u, at.x, at.y)
+    part = where(at.length < SHORT, REDUCED, 1.0)
+    of = each(lambda c, u, x, y: _linearised(c, u, x, y, smooth, part, compliant), contacts, at.u, at.x, at.y)
     factors = lu(np.eye(len(at.z)) + sum(one.part for one in of))
     missing = sum(x @ c.along for c, x in zip(contacts, at.x, strict=True)) - at.z
 
@@ -173,14 +180,16 @@ def _advanced(contacts: list[ScaledContact], pace: PathPace, at: ConePoint, comp
     def moved(old: Array, change: Array) -> Array:
         return select(moves, old + length * change, old)
 
-    return ConePoint(moved(at.z, dz), each(moved, at.u, du), each(moved, at.x, dx), each(moved, at.y, dy))
+    return ConePoint(moved(at.z, dz), each(moved, at.u, du), each(moved, at.x, dx), each(moved, at.y, dy), length)
 
 
-def _linearised(c: ScaledContact, u: Array, x: Array, y: Array, smooth: Scalar, compliant: bool) -> Linearised:
+def _linearised(
+    c: ScaledContact, u: Array, x: Array, y: Array, smooth: Scalar, part: Scalar, compliant: bool
+) -> Linearised:
     if compliant:
         u = u + c.softness * x
     s = sqrt(u[1:] @ u[1:] + smooth * smooth)
-    coupling = u[1:] * reciprocal(s)
+    coupling = (part * reciprocal(s)) * u[1:]
     W = cone_scaling(x, y)
     H = W.square
     HE = array([H[0], *(H[1:] + outer(coupling, H[0]))]).T  # H is symmetric

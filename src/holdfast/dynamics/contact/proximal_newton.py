@@ -34,8 +34,6 @@ from holdfast.spatial.scalar import (
 from holdfast.spatial.vector import outer
 
 COMPLIANCES = (1e-2, 1e-3, 1e-4, 1e-4)  # relative to each contact's mobility
-WHOLE = (1.0,)
-LENGTHS = (1.0, 0.5, 0.2, 0.05)  # of the steps that are tried where forces are far off
 
 
 class Iterate(NamedTuple):
@@ -47,10 +45,7 @@ class Iterate(NamedTuple):
 
 
 def polished(
-    contacts: list[ReducedContact],
-    held: list[Array],
-    compliances: tuple[float, ...] = COMPLIANCES,
-    lengths: tuple[float, ...] = WHOLE,
+    contacts: list[ReducedContact], held: list[Array], compliances: tuple[float, ...] = COMPLIANCES
 ) -> tuple[list[Array], Scalar]:
     """Return the forces that violate the laws least, of all iterates from given ones, and their violation.
 
@@ -58,26 +53,24 @@ def polished(
         contacts: the contacts.
         held: the forces to begin with.
         compliances: of every Newton step, relative to each contact's mobility.
-        lengths: of the steps that are tried. After a path whole steps resolve as many problems as shorter ones.
     """
 
     def refined(carry: tuple[Iterate, list[Array], Scalar], relative: float) -> tuple[Any, None]:
         at, best, least = carry
-        held = _newton_step(contacts, at, relative, lengths)
+        held = _newton_step(contacts, at, relative)
         at = Iterate(held, *motion(contacts, held))
         now = violation(contacts, held, at.u)
         better = now < least
-        return (at, _better(held, best, better), where(better, now, least)), None
+        chosen = each(lambda new, old: select(better, new, old), held, best)
+        return (at, chosen, where(better, now, least)), None
 
     first = Iterate(held, *motion(contacts, held))
     (_, best, least), _ = scan(refined, (first, held, violation(contacts, held, first.u)), compliances)
     return best, least
 
 
-def _newton_step(
-    contacts: list[ReducedContact], at: Iterate, relative: float, lengths: tuple[float, ...]
-) -> list[Array]:
-    """Return the forces after one Newton step at a compliance, as long as leaves least of the equation."""
+def _newton_step(contacts: list[ReducedContact], at: Iterate, relative: float) -> list[Array]:
+    """Return the forces after one Newton step at a compliance, a whole one: shorter ones resolve no more problems."""
     stiffness = each(lambda c: reciprocal(c.gauge * relative + c.compliance), contacts)
 
     def pressing(c: ReducedContact, x: Array, stiff: Scalar, u: Array) -> Array:
@@ -88,23 +81,7 @@ def _newton_step(
     parts = each(lambda c, one, stiff: c.along.T @ ((stiff * one[1]) @ c.by_z), contacts, found, stiffness)
     factors = lu(np.eye(len(at.z)) + sum(parts))
     step = lu_solve(factors, unknown(contacts, [x for x, _ in found]) - at.z)
-    slower = each(lambda c, stiff: stiff * (c.by_z @ step), contacts, stiffness)
-
-    def tried(length: float) -> tuple[list[Array], Scalar]:
-        forces = each(lambda c, one, less: lawful_force(one - length * less, c.friction), contacts, v, slower)
-        left = at.z + length * step - unknown(contacts, forces)
-        return forces, left @ left
-
-    best, least = tried(lengths[0])
-    for length in lengths[1:]:
-        forces, off = tried(length)
-        best, least = _better(forces, best, off < least), where(off < least, off, least)
-    return best
-
-
-def _better(new: list[Array], old: list[Array], chosen: Scalar) -> list[Array]:
-    """Return the new forces if they are chosen, else the old ones."""
-    return each(lambda a, b: select(chosen, a, b), new, old)
+    return each(lambda c, one, stiff: lawful_force(one - stiff * (c.by_z @ step), c.friction), contacts, v, stiffness)
 
 
 def lawful_force(v: Array, mu: Scalar) -> Array:
