@@ -23,7 +23,7 @@ from holdfast.spatial.scalar import Array, Scalar, array, each, maximum, recipro
 from holdfast.spatial.vector import largest
 from holdfast.state import State
 
-WARM = (1e-2, 1e-3, 1e-4)  # compliances of Newton's steps from given forces
+WARM = (1e-2, 1e-3, 1e-4)  # compliances of Newton's steps from given forces, which are taken whole
 SEPARATING = 1e-5  # acceleration of an open contact away from the surface, relative to the largest of the closed ones
 STATUSES = [ContactStatus.OK, ContactStatus.UNRESOLVED]  # by number; whether a motion is unique is not decided here
 
@@ -114,7 +114,7 @@ def forces_of_near(
     if start is None:
         forces, residual = cold_forces(problem)
     else:
-        forces, residual = polished(problem.contacts, _given(rows, start), compliances)
+        forces, residual = polished(problem.contacts, _given(rows, start), compliances, (1.0,))
     return found_forces(problem, forces, residual)
 
 
