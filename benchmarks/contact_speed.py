@@ -2,7 +2,7 @@
 
     python -m benchmarks.contact_speed [--contacts 4]
 
-cold    the path, then Newton's steps: 16 + 4
+cold    the path, then Newton's steps: 15 + 4
 warm    two of Newton's steps from the last forces
 batch   cold, for each of 512 systems in one call
 

@@ -69,7 +69,7 @@ class PathPace(NamedTuple):
     fraction: float
 
 
-FAST = PathPace(16, 0.03, 0.1, 0.9)
+FAST = PathPace(15, 0.03, 0.1, 0.9)
 CAUTIOUS = PathPace(80, 0.05, 0.6, 0.7)
 
 
