@@ -122,7 +122,7 @@ def unknown(contacts: list[ReducedContact], forces: list[Array]) -> Array:
     return scan(lambda z, c, x: (z + x @ c.along, None), start, contacts, forces)[0]
 
 
-def motion(contacts: list[ReducedContact], forces: list[Array]) -> tuple[Array, list[Array]]:
+def motion_with(contacts: list[ReducedContact], forces: list[Array]) -> tuple[Array, list[Array]]:
     """Return z of some forces, and the velocities of all contacts with them."""
     z = unknown(contacts, forces)
     return z, each(lambda c: c.velocity(z), contacts)
@@ -140,7 +140,7 @@ def violation(contacts: list[ReducedContact], forces: list[Array], velocities: l
         forces: (3,) of every contact.
         velocities: those with these forces, if they are known.
     """
-    velocities = motion(contacts, forces)[1] if velocities is None else velocities
+    velocities = motion_with(contacts, forces)[1] if velocities is None else velocities
 
     def of_contact(c: ReducedContact, x: Array, rigid: Array) -> tuple[Scalar, Scalar]:
         u = rigid + c.compliance * x

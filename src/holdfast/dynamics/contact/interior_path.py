@@ -47,9 +47,9 @@ from holdfast.spatial.vector import largest, outer
 
 LARGEST_DIRECTION = 1e100  # step of z that is taken
 LEAST_PRODUCT = 1e-10  # kappa at which the path ends
-INSIDE = 2.0  # x_n and y_n at its start
+STARTING_NORMAL = 2.0  # x_n and y_n at its start
 LARGEST_SMOOTHED = 0.3  # kappa to which the rounding of |u_t| grows
-SHORT = 0.3  # length of a step after which the coupling in E is reduced
+SHORT_STEP = 0.3  # length of a step after which the coupling in E is reduced
 REDUCED = 0.8  # part of it that is left
 
 
@@ -140,7 +140,7 @@ def path_forces(contacts: list[ReducedContact], pace: PathPace = FAST, compliant
         )
 
     own = each(scaled, contacts, stretches, roots)
-    inside = [INSIDE * np.eye(len(contacts[0].free))[0]] * len(contacts)
+    inside = [STARTING_NORMAL * np.eye(len(contacts[0].free))[0]] * len(contacts)
     start = ConePoint(0.0 * contacts[0].by_z[0], [c.free for c in own], inside, inside, 1.0)
     last, _ = scan(lambda at, _: (_advanced(own, pace, at, compliant), None), start, [None] * pace.steps)
     return each(lambda D, root, x: (unit * reciprocal(root)) * (D * x), stretches, roots, last.x)
@@ -150,7 +150,7 @@ def _advanced(contacts: list[ScaledContact], pace: PathPace, at: ConePoint, comp
     """Return the next point: Mehrotra's predictor and corrector with one matrix."""
     kappa = sum(x @ y for x, y in zip(at.x, at.y, strict=True)) * (1.0 / len(contacts))
     smooth = pace.smooth * minimum(kappa, LARGEST_SMOOTHED)
-    part = where(at.length < SHORT, REDUCED, 1.0)
+    part = where(at.length < SHORT_STEP, REDUCED, 1.0)
     of = each(lambda c, u, x, y: _linearised(c, u, x, y, smooth, part, compliant), contacts, at.u, at.x, at.y)
     factors = lu(np.eye(len(at.z)) + sum(one.part for one in of))
     missing = sum(x @ c.along for c, x in zip(contacts, at.x, strict=True)) - at.z

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.contact.contact_law import ReducedContact, motion, unknown, violation
+from holdfast.dynamics.contact.contact_law import ReducedContact, motion_with, unknown, violation
 from holdfast.spatial.linalg import lu, lu_solve
 from holdfast.spatial.scalar import (
     Array,
@@ -37,7 +37,7 @@ COMPLIANCES = (1e-2, 1e-3, 1e-3, 1e-4)  # relative to each contact's mobility
 LENGTHS = (1.0, 0.5, 0.2, 0.05)  # of the steps that are tried
 
 
-class Iterate(NamedTuple):
+class HeldForces(NamedTuple):
     """Forces, z with them, and the velocities of all contacts."""
 
     held: list[Array]
@@ -60,21 +60,21 @@ def polished(
         lengths: of the steps that are tried. Random problems do as well with whole ones; boxes that tumble do not.
     """
 
-    def refined(carry: tuple[Iterate, list[Array], Scalar], relative: float) -> tuple[Any, None]:
+    def refined(carry: tuple[HeldForces, list[Array], Scalar], relative: float) -> tuple[Any, None]:
         at, best, least = carry
         held = _newton_step(contacts, at, relative, lengths)
-        at = Iterate(held, *motion(contacts, held))
+        at = HeldForces(held, *motion_with(contacts, held))
         now = violation(contacts, held, at.u)
         better = now < least
         return (at, _better(held, best, better), where(better, now, least)), None
 
-    first = Iterate(held, *motion(contacts, held))
+    first = HeldForces(held, *motion_with(contacts, held))
     (_, best, least), _ = scan(refined, (first, held, violation(contacts, held, first.u)), compliances)
     return best, least
 
 
 def _newton_step(
-    contacts: list[ReducedContact], at: Iterate, relative: float, lengths: tuple[float, ...]
+    contacts: list[ReducedContact], at: HeldForces, relative: float, lengths: tuple[float, ...]
 ) -> list[Array]:
     """Return the forces after one Newton step at a compliance, as long as leaves least of the equation."""
     stiffness = each(lambda c: reciprocal(c.gauge * relative + c.compliance), contacts)
