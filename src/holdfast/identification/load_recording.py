@@ -391,10 +391,10 @@ def _notes_on_times(name: str, t: Array) -> list[str]:
     if len(steps) < 2:
         return []
     usual = float(np.median(steps))
-    if not (far := np.flatnonzero(steps > USUAL_STEPS_OF_GAP * usual)).size:
+    far, k = int((steps > USUAL_STEPS_OF_GAP * usual).sum()), int(np.argmax(steps))
+    if not far:
         return []
-    k = int(far[np.argmax(steps[far])])
-    gaps = "a gap of" if len(far) == 1 else f"{len(far)} gaps, the longest"
+    gaps = "a gap of" if far == 1 else f"{far} gaps, the longest"
     return [
         f"{name}: {gaps} {steps[k]:.3g} s at {t[k]:.6g} s, {steps[k] / usual:.3g} times the usual interval; most likely"
         " samples were lost"

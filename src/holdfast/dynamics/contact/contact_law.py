@@ -122,23 +122,34 @@ def unknown(contacts: list[ReducedContact], forces: list[Array]) -> Array:
     return scan(lambda z, c, x: (z + x @ c.along, None), start, contacts, forces)[0]
 
 
-def violation(contacts: list[ReducedContact], forces: list[Array]) -> Scalar:
+def motion_with(contacts: list[ReducedContact], forces: list[Array]) -> tuple[Array, list[Array]]:
+    """Return z of some forces, and the velocities of all contacts with them."""
+    z = unknown(contacts, forces)
+    return z, each(lambda c: c.velocity(z), contacts)
+
+
+def violation(contacts: list[ReducedContact], forces: list[Array], velocities: list[Array] | None = None) -> Scalar:
     """Return how far forces are from the laws, relative to the largest free velocity.
 
     The natural map of the laws as a complementarity of cones, |g x - proj(g x - u - mu |u_t| n)| with the gauge g, is
     a velocity. (Relative to the forces, large internal forces would hide that contacts penetrate; what their rounding
     may hide is added.)
-    """
-    z = unknown(contacts, forces)
 
-    def of_contact(c: ReducedContact, x: Array) -> tuple[Scalar, Scalar]:
-        u = c.velocity(z) + c.compliance * x
+    Args:
+        contacts: the contacts.
+        forces: (3,) of every contact.
+        velocities: those with these forces, if they are known.
+    """
+    velocities = motion_with(contacts, forces)[1] if velocities is None else velocities
+
+    def of_contact(c: ReducedContact, x: Array, rigid: Array) -> tuple[Scalar, Scalar]:
+        u = rigid + c.compliance * x
         slip = c.friction * sqrt(u[1:] @ u[1:])
         pressed = c.gauge * x
         y = pressed - u - concatenate([[slip], np.zeros(len(x) - 1)])
         return largest(pressed - in_friction_cone(y, c.friction)) + UNIT_ROUNDING * largest(pressed), size_of(c)
 
-    found = each(of_contact, contacts, forces)
+    found = each(of_contact, contacts, forces, velocities)
     return largest(off for off, _ in found) * reciprocal(largest(size for _, size in found) + TINY)
 
 

@@ -102,7 +102,8 @@ class Touch(Frozen):
         modes: the modes, with the slip directions of this instant.
         slip_speed: (k,) velocity along the direction of slip at the step's start; infinite unless slipping [m/s].
         turning_time: the shortest time in which a slip may turn into another direction, |u_t| over its acceleration,
-            or over the one that friction gives if that is larger; infinite where no slip turns [s].
+            or over the one that friction gives if that is larger; infinite where no slip turns [s]. Of a slip that
+            begins, twice the time until its direction is its own, if its speed grows with the square of time.
     """
 
     rows: ContactRows
@@ -287,9 +288,12 @@ def _turning(
         given = float(rows.friction[j] * force[j, 2] * np.linalg.norm(C @ P @ C.T, 2))
         if j in begins:
             begins -= {j} if size > BEGINS_FOR * given else set()
+        a = C @ acceleration + rows.drift[j, along]
+        if j in begins and min(size, float(np.linalg.norm(a))) > 0.0:
+            since = 2.0 * size / float(np.linalg.norm(a))
+            shortest = min(shortest, 2.0 * since * (np.sqrt(2.0 * BEGINS_FOR * given / size) - 1.0))
         if j in begins or not min(size, given) > 0.0:
             continue
-        a = C @ acceleration + rows.drift[j, along]
         across = a - t * float(t @ a) / size**2
         if size * np.linalg.norm(across) <= STRAIGHT * given:
             continue

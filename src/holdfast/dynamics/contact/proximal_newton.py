@@ -12,11 +12,11 @@ Reference: Carpentier, Montaut and Le Lidec, "From compliant to rigid contact si
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.contact.contact_law import ReducedContact, unknown, violation
+from holdfast.dynamics.contact.contact_law import ReducedContact, motion_with, unknown, violation
 from holdfast.spatial.linalg import lu, lu_solve
 from holdfast.spatial.scalar import (
     Array,
@@ -37,6 +37,14 @@ COMPLIANCES = (1e-2, 1e-3, 1e-3, 1e-4)  # relative to each contact's mobility
 LENGTHS = (1.0, 0.5, 0.2, 0.05)  # of the steps that are tried
 
 
+class HeldForces(NamedTuple):
+    """Forces, z with them, and the velocities of all contacts."""
+
+    held: list[Array]
+    z: Array
+    u: list[Array]
+
+
 def polished(
     contacts: list[ReducedContact],
     held: list[Array],
@@ -49,42 +57,41 @@ def polished(
         contacts: the contacts.
         held: the forces to begin with.
         compliances: of every Newton step, relative to each contact's mobility.
-        lengths: of the steps that are tried.
+        lengths: of the steps that are tried. Random problems do as well with whole ones; boxes that tumble do not.
     """
 
-    def refined(carry: tuple[list[Array], list[Array], Scalar], relative: float) -> tuple[Any, None]:
-        held, best, least = carry
-        held = _newton_step(contacts, held, relative, lengths)
-        now = violation(contacts, held)
+    def refined(carry: tuple[HeldForces, list[Array], Scalar], relative: float) -> tuple[Any, None]:
+        at, best, least = carry
+        held = _newton_step(contacts, at, relative, lengths)
+        at = HeldForces(held, *motion_with(contacts, held))
+        now = violation(contacts, held, at.u)
         better = now < least
-        return (held, _better(held, best, better), where(better, now, least)), None
+        return (at, _better(held, best, better), where(better, now, least)), None
 
-    start = (held, held, violation(contacts, held))
-    (_, best, least), _ = scan(refined, start, compliances)
+    first = HeldForces(held, *motion_with(contacts, held))
+    (_, best, least), _ = scan(refined, (first, held, violation(contacts, held, first.u)), compliances)
     return best, least
 
 
 def _newton_step(
-    contacts: list[ReducedContact], held: list[Array], relative: float, lengths: tuple[float, ...]
+    contacts: list[ReducedContact], at: HeldForces, relative: float, lengths: tuple[float, ...]
 ) -> list[Array]:
     """Return the forces after one Newton step at a compliance, as long as leaves least of the equation."""
     stiffness = each(lambda c: reciprocal(c.gauge * relative + c.compliance), contacts)
 
-    def pressing(c: ReducedContact, x: Array, stiff: Scalar, z: Array) -> Array:
-        return stiff * ((c.gauge * relative) * x - c.velocity(z))
+    def pressing(c: ReducedContact, x: Array, stiff: Scalar, u: Array) -> Array:
+        return stiff * ((c.gauge * relative) * x - u)
 
-    z = unknown(contacts, held)
-    found = each(lambda c, x, stiff: lawful(pressing(c, x, stiff, z), c.friction), contacts, held, stiffness)
+    v = each(pressing, contacts, at.held, stiffness, at.u)
+    found = each(lambda c, one: lawful(one, c.friction), contacts, v)
     parts = each(lambda c, one, stiff: c.along.T @ ((stiff * one[1]) @ c.by_z), contacts, found, stiffness)
-    factors = lu(np.eye(len(z)) + sum(parts))
-    step = lu_solve(factors, unknown(contacts, [x for x, _ in found]) - z)
+    factors = lu(np.eye(len(at.z)) + sum(parts))
+    step = lu_solve(factors, unknown(contacts, [x for x, _ in found]) - at.z)
+    slower = each(lambda c, stiff: stiff * (c.by_z @ step), contacts, stiffness)
 
     def tried(length: float) -> tuple[list[Array], Scalar]:
-        there = z + length * step
-        forces = each(
-            lambda c, x, stiff: lawful_force(pressing(c, x, stiff, there), c.friction), contacts, held, stiffness
-        )
-        left = there - unknown(contacts, forces)
+        forces = each(lambda c, one, less: lawful_force(one - length * less, c.friction), contacts, v, slower)
+        left = at.z + length * step - unknown(contacts, forces)
         return forces, left @ left
 
     best, least = tried(lengths[0])
