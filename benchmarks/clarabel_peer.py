@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from holdfast.forces.elastic_distribution import FARTHEST
+from holdfast.forces.arm_block import FARTHEST
 from holdfast.forces.programme_block import Block
 from holdfast.spatial.scalar import Array
 

@@ -23,8 +23,9 @@ from holdfast.errors import HoldfastError
 from holdfast.forces.acceleration_map import acceleration_map, motion_without_torques, scaled_map
 from holdfast.forces.affine_map import AccelerationTask
 from holdfast.forces.cone_solver import Verdict
-from holdfast.forces.distribute import ForceQuestion, elastic, force_question
+from holdfast.forces.distribute import elastic
 from holdfast.forces.elastic_distribution import DISTRIBUTE
+from holdfast.forces.force_question import ForceQuestion, force_question
 from holdfast.forces.limit_rows import limit_rows
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programmes import Form, Posed, costs

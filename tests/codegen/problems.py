@@ -9,9 +9,10 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.codegen.functions import ExportedFunction, exported_function, exported_law
-from holdfast.codegen.header import CARRIED_PREFIX, LAW_PREFIX
+from holdfast.codegen.header import CARRIED_PREFIX
 from holdfast.compiled.derivative_schedule import FOUND, UNITS
 from holdfast.control import compile_law
+from holdfast.simulation.rollout.varied_step import LAW_PREFIX
 from holdfast.spatial.scalar import sin
 from tests.compiled.problems import one
 from tests.questions.every import direct, inputs_of

@@ -15,7 +15,7 @@ import pytest
 
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
-from holdfast.simulation.rollout.compiled_steppers import law_of
+from holdfast.control.traced_law import law_of
 from tests.simulation.gantries import squeezed
 
 ROOT = Path(__file__).parents[2]

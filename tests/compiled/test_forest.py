@@ -9,7 +9,8 @@ import pytest
 import holdfast as hf
 from holdfast.dynamics import Status, forest_dynamics
 from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError, UnknownName
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody
+from holdfast.model.closure import Closure
+from holdfast.model.forest import BodyJoint, Forest, ForestBody
 from tests.dynamics.tree.problems import LINK, gap, slider_crank
 from tests.longer import mostly_long
 from tests.oracles.forest_equations import ForestEquations

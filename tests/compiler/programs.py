@@ -16,8 +16,8 @@ from holdfast.compiler.graph import Graph
 from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Program, Shape
-from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule, Wire
-from holdfast.compiler.stage import Stage, stage_of
+from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule
+from holdfast.compiler.stage import Stage, Wire, stage_of
 from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import program_of, trace
 

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.compiler.interpret import interpret_schedule
-from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, External, Group, Internal, Schedule, Wire
+from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, External, Group, Internal, Schedule
+from holdfast.compiler.stage import Wire
 from holdfast.compiler.targets import split
 from holdfast.compiler.targets.layout import Layout
 from tests.compiler.programs import COUNTS, ArrayKernel, Writer, all_same_bits, inputs_of, same_bits, schedules, stage

@@ -8,7 +8,7 @@ import pytest
 import holdfast as hf
 from holdfast.compiled import arrays
 from holdfast.dynamics import Status
-from holdfast.dynamics.derivatives import STATE_AND_TORQUES
+from holdfast.questions.arrays import STATE_AND_TORQUES
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, forces, numbers, one
 from tests.compiler.programs import same_bits

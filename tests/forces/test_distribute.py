@@ -10,7 +10,7 @@ from holdfast.dynamics import Status
 from holdfast.errors import HoldfastError, ModelError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, explain, least_peak, lift_margin
 from holdfast.forces.certificate import MOST_PRICES, certificate
-from holdfast.forces.distribute import ForceQuestion
+from holdfast.forces.force_question import ForceQuestion
 from holdfast.forces.limit_rows import highest_acceleration
 from holdfast.forces.margins import grasp_margins
 from tests.control.two_pandas import rubber_pandas, two_pandas
@@ -151,7 +151,7 @@ def test_words_of_a_certificate(count):
 
 def asked(chain, state, acceleration, limits=None) -> ForceQuestion:
     """Return a question with the object's whole acceleration asked."""
-    from holdfast.forces.distribute import force_question
+    from holdfast.forces.force_question import force_question
 
     return force_question(chain, state, acceleration, None, None, limits, None)
 

@@ -16,9 +16,9 @@ from holdfast.compiler.interpret import interpret_schedule
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.errors import HoldfastError, MethodNotApplicable
 from holdfast.forces import ForceCost, ForceLimits, distribute, distribution_parameters
-from holdfast.forces.distribute import force_question
 from holdfast.forces.elastic_distribution import DISTRIBUTE, ElasticDistribution, distributed, programme
 from holdfast.forces.elastic_programme import ITERATIONS, solve
+from holdfast.forces.force_question import force_question
 from holdfast.questions.derivatives import argument_shapes, function_jvp, function_vjp
 from holdfast.spatial.scalar import Array
 from tests.capabilities.chains import CHAINS, chain_with

@@ -10,7 +10,7 @@ import pytest
 import holdfast as hf
 from holdfast.errors import MethodNotApplicable, SingularChainError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, least_peak, lift_margin
-from holdfast.forces.distribute import force_question
+from holdfast.forces.force_question import force_question
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.second_order_cone import cone_inverse

@@ -9,7 +9,8 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import ModelError
-from holdfast.model.forest import GROUND, BodyJoint, Closure, Forest, ForestBody, JointCoupling
+from holdfast.model.closure import Closure
+from holdfast.model.forest import GROUND, BodyJoint, Forest, ForestBody, JointCoupling
 from holdfast.model.joint_kinds import JOINT_KINDS
 from holdfast.spatial import rotation
 from tests.systems.bushed import random_bushed

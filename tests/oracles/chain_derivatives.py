@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.model.closed_chain import TRUNK
+from holdfast.model.trunk import TRUNK
 from holdfast.questions.arrays import arguments_of
 from tests.oracles.arithmetic import Arithmetic, arithmetic, solve_by_elimination
 from tests.oracles.arm_kinematics import cross_matrix

@@ -17,8 +17,7 @@ from holdfast import ClosedChain, HeldObject, Inputs, Link, Pose, State
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.sequential import sequential
-from holdfast.model.closed_chain import TRUNK
-from holdfast.model.trunk import Trunk
+from holdfast.model.trunk import TRUNK, Trunk
 from tests.oracles.arithmetic import arithmetic
 from tests.oracles.chain_derivatives import OUTPUTS, Along, Derivatives, Equations, Seeded, names_of, numbers_of
 from tests.spatial.dual import tangents_of, values_of

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import qr
 
-from holdfast.model.closed_chain import TRUNK
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.pose import Pose
 from tests.oracles.arithmetic import SparseSystem, arithmetic
 from tests.oracles.arm_kinematics import MovingFrame, centripetal, child_frame, cross, cross_matrix

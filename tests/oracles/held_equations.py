@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial import scalar
 from tests.oracles.arithmetic import Arithmetic
 from tests.oracles.arm_kinematics import MovingFrame, centripetal, child_frame, cross

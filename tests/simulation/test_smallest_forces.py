@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.collocation import CollocationStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
@@ -16,7 +17,7 @@ from holdfast.simulation.rollout.compiled_steppers import StagewiseStepper
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.runge_kutta import RK4
-from holdfast.simulation.stepper import ReferenceStepper, Tolerance
+from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.spatial import scalar
 from tests.longer import mostly_long
 from tests.simulation.rollout.problems import arrays

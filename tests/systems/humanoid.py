@@ -7,7 +7,8 @@ import numpy as np
 import holdfast as hf
 from holdfast.dynamics.tree.forest_motion import forest_motion
 from holdfast.dynamics.tree.forest_rows import forest_rows
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody
+from holdfast.model.closure import Closure
+from holdfast.model.forest import BodyJoint, Forest, ForestBody
 from tests.systems.random_forests import ForestProblem
 
 X, Y, Z = np.eye(3)

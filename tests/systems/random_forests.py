@@ -15,7 +15,8 @@ import numpy as np
 
 from holdfast.dynamics.tree.forest_motion import forest_motion
 from holdfast.dynamics.tree.forest_rows import forest_rows
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody, JointCoupling
+from holdfast.model.closure import Closure
+from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from holdfast.model.grasp import Grasp
 from holdfast.model.link import Link
 from holdfast.spatial import rotation

@@ -10,9 +10,10 @@ import numpy as np
 from holdfast import ClosedChain, Friction, Grasp, State, close
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.simulation.accounts import accounts_of
+from holdfast.simulation.balance import Sums
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
-from holdfast.simulation.sample import Sums, sample
+from holdfast.simulation.sample import sample
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.trajectory import Trajectory, array_names, joined
 from holdfast.view.playback import Playback, playback_of_run

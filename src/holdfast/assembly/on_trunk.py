@@ -13,7 +13,8 @@ from holdfast.dynamics.closing import close
 from holdfast.dynamics.trunk.trunk_motion import base_kinematics
 from holdfast.errors import ClosureError, ModelError
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State

@@ -12,10 +12,11 @@ from holdfast.assembly.on_trunk import on_own_bases
 from holdfast.assembly.plausibility import plausibility_notes
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.model.serial_chain import serial_chain
 from holdfast.model.tip_direction import advice_for, tip_angle
+from holdfast.model.trunk import TRUNK
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array

@@ -10,7 +10,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_rows import row_name
 from holdfast.model.joint import Joint
-from holdfast.model.trunk import NAME as TRUNK
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.pose import Pose
 
 

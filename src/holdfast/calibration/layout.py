@@ -28,7 +28,7 @@ from holdfast.model.grasp import Grasp
 from holdfast.model.grasp_rows import row_name
 from holdfast.model.joint import Joint
 from holdfast.model.joint_types import first_across, second_across
-from holdfast.model.trunk import NAME as TRUNK
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array

@@ -13,7 +13,8 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.consistency import require_closed, require_rates
 from holdfast.errors import StateError
 from holdfast.forces.cone_solver import Verdict
-from holdfast.forces.distribute import ForceQuestion, proof
+from holdfast.forces.distribute import proof
+from holdfast.forces.force_question import ForceQuestion
 from holdfast.forces.programmes import Solved
 from holdfast.io.force_case import ForceCase, listed_name
 from holdfast.spatial.scalar import Array

@@ -37,7 +37,7 @@ from holdfast.io.force_case import ForceCase
 from holdfast.io.forest_case import ForestCase
 from holdfast.io.typed import refusal
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK
+from holdfast.model.trunk import TRUNK
 from holdfast.questions.arrays import ARRAYS, state_fields
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench

@@ -17,11 +17,10 @@ from holdfast.compiler.kernel import address_of
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import Forest
 from holdfast.questions.arrays import POSES
-from holdfast.spatial.real_numbers import real_array
+from holdfast.spatial.real_numbers import ROTATION_TOLERANCE, real_array
 from holdfast.spatial.scalar import Array
 
 _LARGEST = float(np.finfo(np.float64).max)

@@ -19,7 +19,6 @@ from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import inputs, tracing
 from holdfast.dynamics.arm.regrouping import regrouped
 from holdfast.model.arm import Arm
-from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.force_element import ForceElement, SpringEnd
 from holdfast.model.held_object import HeldObject
@@ -30,6 +29,7 @@ from holdfast.questions.arrays import BASE_MOTION, FLOATING, LINKS, TRUNK_BASE_M
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import changed
 from holdfast.spatial.pose import Pose
+from holdfast.spatial.real_numbers import ROTATION_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, loops, sqrt, where
 from holdfast.state import Inputs, State
 

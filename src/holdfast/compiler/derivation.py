@@ -10,8 +10,8 @@ from holdfast.compiler.graph import Graph
 from holdfast.compiler.needed import Needed
 from holdfast.compiler.node import Node
 from holdfast.compiler.region import ImageOrigin, PortSource, Scan, TracedGroup
-from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule, Wire
-from holdfast.compiler.stage import GraphPorts, Stage, Stages, made_of
+from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule
+from holdfast.compiler.stage import GraphPorts, Stage, Stages, Wire, made_of
 from holdfast.compiler.trace import as_node
 from holdfast.compiler.values import Leaf
 

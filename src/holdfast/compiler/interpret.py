@@ -15,7 +15,8 @@ from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Program
-from holdfast.compiler.schedule import Call, Schedule, Wire
+from holdfast.compiler.schedule import Call, Schedule
+from holdfast.compiler.stage import Wire
 
 
 def interpret(program: Program, *inputs: object, fused: bool = True) -> tuple[np.ndarray, ...]:

@@ -9,7 +9,8 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pse
 from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.trunk.trunk_inverse import TrunkTorques, trunk_torques
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, array, concatenate
 from holdfast.spatial.spatial_vector import shift_twist

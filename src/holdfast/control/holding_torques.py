@@ -21,8 +21,9 @@ from holdfast.dynamics.tree.mechanism_inverse import mechanism_holding
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import answered_as_forest, require_unused
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import Inputs, State, require_fit

@@ -22,9 +22,10 @@ from holdfast.dynamics.projection import Change, quickened
 from holdfast.dynamics.tree.mechanism import mechanism_close
 from holdfast.errors import ClosureError, StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import answered_as_forest, require_unused
 from holdfast.model.tip_direction import advice_for
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 

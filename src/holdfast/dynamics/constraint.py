@@ -16,7 +16,7 @@ import numpy as np
 from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.stacked import block_diagonal
-from holdfast.model.closed_chain import TRUNK
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array, Scalar, array, maximum, sqrt, where
 from holdfast.spatial.spatial_vector import twist_shift
 

@@ -17,10 +17,10 @@ from holdfast.dynamics.trunk.trunk_motion import BaseKinematics, base_kinematics
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.serial_chain import answered_as_forest
-from holdfast.model.trunk import Trunk
+from holdfast.model.trunk import TRUNK, Trunk
 from holdfast.questions.arrays import LINKS, OBJECT, STATE, TRUNK_LINKS, Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare

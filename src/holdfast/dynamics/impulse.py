@@ -29,10 +29,11 @@ from holdfast.dynamics.tree.mechanism_impulse import MechanismAttachment, grasp_
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError, ModelError
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.closure import Closure
 from holdfast.model.grasp import Grasp
 from holdfast.model.serial_chain import answered_as_forest
+from holdfast.model.trunk import TRUNK
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose

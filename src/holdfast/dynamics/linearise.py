@@ -25,7 +25,8 @@ from holdfast.dynamics.projection import displacement
 from holdfast.dynamics.trunk.trunk_power import TrunkCase, TrunkUnknowns
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import rates_of

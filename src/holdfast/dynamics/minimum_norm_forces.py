@@ -23,9 +23,9 @@ from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.dynamics.closed.virtual_power import ArmUnknowns
 from holdfast.dynamics.constraint import free_wrenches, length_scale
-from holdfast.dynamics.trunk.trunk_derivatives import BASE_RESULT
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
+from holdfast.questions.arrays import BASE_RESULT
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
 

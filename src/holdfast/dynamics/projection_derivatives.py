@@ -21,12 +21,13 @@ from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import Route
-from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns, Numbers
+from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns
 from holdfast.dynamics.projection import Change, position_contact, small_displacement
 from holdfast.dynamics.trunk.trunk_power import MountedBase, TrunkCase, TrunkUnknowns
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import LINKS, TRUNK_LINKS
+from holdfast.questions.case import Numbers
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each
 from holdfast.spatial.spatial_vector import shift_twist

@@ -27,9 +27,10 @@ from holdfast.dynamics.trunk.trunk_power import TrunkCase
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
+from holdfast.model.trunk import TRUNK
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen, making
 from holdfast.spatial.inertia import of_parameters

@@ -43,8 +43,9 @@ from holdfast.forces.programme_border import (
     shared_accelerations,
 )
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import serial_chain
+from holdfast.model.trunk import TRUNK
 from holdfast.questions.arrays import (
     ACCELERATION_LIMITS,
     ARGUMENTS,

@@ -11,8 +11,7 @@ from holdfast.errors import StateError
 from holdfast.forces.affine_map import AccelerationTask
 from holdfast.forces.forest_equations import CENTRE_OF_MASS, ForestEquations
 from holdfast.model import checks
-from holdfast.model.trunk import BASE
-from holdfast.model.trunk import NAME as TRUNK
+from holdfast.model.trunk import BASE, TRUNK
 from holdfast.spatial.scalar import Array
 
 BASE_FRAME = f"{TRUNK}/{BASE}"

@@ -20,7 +20,8 @@ from holdfast.dynamics.inverse import inverse_dynamics
 from holdfast.dynamics.result import ForwardResult, Status, require_result_of
 from holdfast.forces.cone_program import AffineMargin, Largest, largest_least, largest_within, sensitive_directions
 from holdfast.forces.margins import conditions, grasp_margins
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs

@@ -12,7 +12,8 @@ from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.questions.arrays import Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare

@@ -388,12 +388,11 @@ def _require_increasing(table: NamedColumns, name: str, t: Array, samples: Array
 def _notes_on_times(name: str, t: Array) -> list[str]:
     """Return a remark on gaps."""
     steps = np.diff(t)
-    if len(steps) < 2:
-        return []
-    usual = float(np.median(steps))
-    far, k = int((steps > USUAL_STEPS_OF_GAP * usual).sum()), int(np.argmax(steps))
+    usual = float(np.median(steps)) if len(steps) > 1 else np.inf
+    far = int((steps > USUAL_STEPS_OF_GAP * usual).sum())
     if not far:
         return []
+    k = int(np.argmax(steps))
     gaps = "a gap of" if far == 1 else f"{far} gaps, the longest"
     return [
         f"{name}: {gaps} {steps[k]:.3g} s at {t[k]:.6g} s, {steps[k] / usual:.3g} times the usual interval; most likely"

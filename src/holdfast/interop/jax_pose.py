@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from holdfast.interop.jax_arguments import jax_numpy
-from holdfast.model.checks import ROTATION_TOLERANCE
+from holdfast.spatial.real_numbers import ROTATION_TOLERANCE
 
 
 def rotation_and_origin(pose: Any) -> tuple[Any, Any]:

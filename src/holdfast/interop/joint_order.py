@@ -8,8 +8,9 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import serial_chain
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array
 
 FREE_FLYERS = (TRUNK, "root_joint")

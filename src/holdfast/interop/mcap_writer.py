@@ -13,10 +13,11 @@ from holdfast.dynamics.arm.forward_kinematics import joint_placement
 from holdfast.dynamics.contact_places import tip_frames
 from holdfast.errors import MissingExtra
 from holdfast.io.files import file_path, write_atomically
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.serial_chain import serial_chain
+from holdfast.model.trunk import TRUNK
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation

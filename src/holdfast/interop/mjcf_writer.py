@@ -19,13 +19,14 @@ from holdfast.errors import ModelError
 from holdfast.io.files import one_line
 from holdfast.model.arm import Arm
 from holdfast.model.checks import INERTIA_TOLERANCE
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.force_element import WORLD, SpringEnd
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.serial_chain import serial_chain
 from holdfast.model.spring import Spring
+from holdfast.model.trunk import TRUNK
 from holdfast.model.visuals import Cylinder, Sphere
 from holdfast.robots.primitive import LINK_COLOURS, Primitive
 from holdfast.robots.visuals import equal_box, visuals_of, visuals_of_trunk

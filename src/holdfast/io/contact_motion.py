@@ -20,8 +20,9 @@ from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.world.features import Sphere
 from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Sphere, Touching, corners
+from holdfast.model.world.touching import Touching, corners
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose

@@ -8,7 +8,7 @@ import numpy as np
 
 from holdfast.forces.acceleration_map import acceleration_map, motion_without_torques, scaled_map
 from holdfast.forces.affine_map import AccelerationTask
-from holdfast.forces.distribute import ForceQuestion
+from holdfast.forces.force_question import ForceQuestion
 from holdfast.forces.limit_rows import Limit, limit_rows
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.forces.programmes import costs

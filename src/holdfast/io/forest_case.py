@@ -11,7 +11,8 @@ from holdfast.io import forest_case_data as layout
 from holdfast.io.case_data import CasePose
 from holdfast.io.typed import Location
 from holdfast.model import checks
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody, JointCoupling
+from holdfast.model.closure import Closure
+from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from holdfast.model.grasp import Grasp
 from holdfast.model.link import Link
 from holdfast.spatial.pose import Pose

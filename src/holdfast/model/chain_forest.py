@@ -14,8 +14,7 @@ from holdfast.model.coupling import Coupling
 from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.trunk import BASE
-from holdfast.model.trunk import NAME as TRUNK
+from holdfast.model.trunk import BASE, TRUNK
 from holdfast.spatial.frozen import Frozen, changed
 from holdfast.spatial.pose import Pose
 

@@ -22,8 +22,7 @@ from holdfast.model.forest import Forest
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
-from holdfast.model.trunk import NAME as TRUNK
-from holdfast.model.trunk import Trunk
+from holdfast.model.trunk import TRUNK, Trunk
 from holdfast.model.world.touching import Touching
 from holdfast.names import called
 from holdfast.spatial.frozen import NOT_GIVEN, ArrayField, Frozen, FrozenDict, frozen_property, making

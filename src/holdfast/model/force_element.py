@@ -10,8 +10,7 @@ from typing import Any, NamedTuple, Protocol, Self
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.model.trunk import NAME as TRUNK
-from holdfast.model.trunk import Trunk
+from holdfast.model.trunk import TRUNK, Trunk
 from holdfast.spatial.frozen import REQUIRED, ArrayField, Converted, Frozen
 from holdfast.spatial.scalar import Array, Scalar, concatenate
 from holdfast.spatial.vector import cross

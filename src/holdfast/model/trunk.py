@@ -19,7 +19,7 @@ from holdfast.names import called
 from holdfast.spatial.frozen import Frozen, frozen_property, making
 from holdfast.spatial.pose import Pose, PoseField
 
-NAME = "trunk"  # name of its joints in flat arrays, which no arm may have
+TRUNK = "trunk"  # name of its joints in flat arrays, which no arm may have
 BASE = "base"  # name of the floating body as a mount for arms
 
 
@@ -49,7 +49,7 @@ class Trunk(Frozen):
         if not isinstance(self.floating, Link | None):
             raise ModelError(f"trunk: floating: expected a Link or None, got {type(self.floating).__name__}")
         put(self, "base", checks.pose(self.base, "trunk: base"))
-        put(self, "notes", checked_notes(self.notes, NAME))
+        put(self, "notes", checked_notes(self.notes, TRUNK))
         for part in ("joints", "links"):
             if not isinstance(getattr(self, part), Sequence):
                 raise ModelError(f"trunk: {part}: expected a list, got {type(getattr(self, part)).__name__}")
@@ -58,12 +58,12 @@ class Trunk(Frozen):
                 raise ModelError("trunk: expected at least one joint or a floating base, got neither")
             put(self, "joints", ())
             put(self, "links", ())
-            put(self, "visuals", fitting_visuals(self.visuals, 0, NAME))
+            put(self, "visuals", fitting_visuals(self.visuals, 0, TRUNK))
             return
-        serial = Arm(self.joints, self.links, base=self.base, name=NAME)  # checks and splits joints
+        serial = Arm(self.joints, self.links, base=self.base, name=TRUNK)  # checks and splits joints
         put(self, "joints", serial.joints)
         put(self, "links", serial.links)
-        put(self, "visuals", fitting_visuals(self.visuals, len(serial.links), NAME))
+        put(self, "visuals", fitting_visuals(self.visuals, len(serial.links), TRUNK))
 
     def __repr__(self) -> str:
         """Return the number of joints and the base, on one line."""
@@ -73,7 +73,7 @@ class Trunk(Frozen):
     @frozen_property
     def serial(self) -> Arm | None:
         """Its joints and links as an arm whose tip is the last link's frame; None without joints."""
-        return Arm(self.joints, self.links, base=self.base, name=NAME) if self.joints else None
+        return Arm(self.joints, self.links, base=self.base, name=TRUNK) if self.joints else None
 
     @property
     def joint_count(self) -> int:

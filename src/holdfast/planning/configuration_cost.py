@@ -18,7 +18,8 @@ from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.near_singular import generic_tip_rank, tip_strengths
 from holdfast.dynamics.posture import PostureCost
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array
 
 INNERMOST = 0.05  # fraction of a zone

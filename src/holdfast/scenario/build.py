@@ -25,10 +25,10 @@ from holdfast.io.files import LONGEST_NAME, file_path, one_line
 from holdfast.io.recording_table import RecordingTable
 from holdfast.io.typed import Location
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.force_element import HELD_OBJECT
 from holdfast.model.held_object import HeldObject
-from holdfast.model.trunk import Trunk
+from holdfast.model.trunk import TRUNK, Trunk
 from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf.source import UrdfSource
 from holdfast.scenario import controllers, parts

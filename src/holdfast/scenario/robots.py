@@ -16,9 +16,8 @@ from holdfast.errors import HoldfastError
 from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.arm import Anchor, Arm
-from holdfast.model.closed_chain import TRUNK
 from holdfast.model.joint import Joint
-from holdfast.model.trunk import Trunk
+from holdfast.model.trunk import TRUNK, Trunk
 from holdfast.robots import ROBOTS
 from holdfast.robots.packages import given_packages
 from holdfast.robots.urdf import UrdfChain, UrdfTrunkChain, urdf_chain, urdf_trunk

@@ -6,7 +6,8 @@ from typing import Any
 
 from holdfast.io.typed import Location
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.scenario import parts
 from holdfast.scenario.scene import ReleaseTable, SceneTable
 from holdfast.simulation.adaptive import Tolerance

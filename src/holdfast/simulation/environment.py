@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.frozen import FrozenDict, changed
 from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.state import Inputs, State

@@ -21,8 +21,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.joint import Joint
+from holdfast.model.trunk import TRUNK
 from holdfast.simulation.increment import OF_BODY, OF_WORK, moving_at, no_turns, turns_of, twists
 from holdfast.simulation.joint_friction import friction_slope, friction_torque, joint_friction
 from holdfast.simulation.runge_kutta import Tableau, weighted

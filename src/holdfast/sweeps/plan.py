@@ -15,6 +15,7 @@ import numpy as np
 
 from holdfast.control.controller import ControlLaw
 from holdfast.control.sampled import has_noise, initial_memories, require_steps
+from holdfast.control.traced_law import law_program
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -24,7 +25,6 @@ from holdfast.simulation.rollout.arguments import chain_arguments, number, step_
 from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.user_functions import law_program
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.real_numbers import numbers
 from holdfast.state import State

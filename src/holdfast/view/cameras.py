@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
-from holdfast.model.trunk import Trunk
+from holdfast.model.trunk import TRUNK, Trunk
 from holdfast.robots.visuals import arm_length, chain_length, ends_of, equivalent_box
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array

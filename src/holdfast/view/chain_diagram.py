@@ -7,9 +7,10 @@ from html import escape
 from itertools import accumulate
 from typing import NamedTuple
 
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_rows import grasp_rows
 from holdfast.model.joint import Joint
+from holdfast.model.trunk import TRUNK
 from holdfast.view.diagram_rows import Branch, branches_of
 from holdfast.view.figure_style import TRUNK_COLOUR, arm_style
 

@@ -8,11 +8,10 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import TRUNK
 from holdfast.model.force_element import HELD_OBJECT
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
-from holdfast.model.trunk import Trunk
+from holdfast.model.trunk import TRUNK, Trunk
 from holdfast.model.visuals import Cylinder, Sphere
 from holdfast.model.world.features import Circle
 from holdfast.robots.mesh_files.mesh import MeshFault

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
+from holdfast.model.trunk import TRUNK
 from holdfast.model.visuals import Box, Capsule, Cylinder, Sphere, Visual
 from holdfast.model.visuals import Mesh as MeshFile
 from holdfast.robots.mesh_files.mesh import FARTHEST_VERTEX, MeshFault, require_triangles

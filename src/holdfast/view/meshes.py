@@ -7,21 +7,21 @@ from itertools import pairwise
 
 import numpy as np
 
-from holdfast.robots.mesh_files.mesh import TriangleMesh as Mesh
+from holdfast.robots.mesh_files.mesh import TriangleMesh
 from holdfast.spatial.scalar import Array
 
 SEGMENTS = 24  # of a circle
 
 
-def joined(meshes: Iterable[Mesh]) -> Mesh:
+def joined(meshes: Iterable[TriangleMesh]) -> TriangleMesh:
     """Return several meshes as one; at least one is needed."""
     parts = list(meshes)
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [part.faces + start for part, start in zip(parts, starts, strict=False)]
-    return Mesh(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
+    return TriangleMesh(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
 
 
-def box(edges: Array | tuple[float, float, float]) -> Mesh:
+def box(edges: Array | tuple[float, float, float]) -> TriangleMesh:
     """Return a box about the origin with edges of the lengths (x, y, z) [m]."""
     corners = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
     vertices, faces = [], []
@@ -34,21 +34,21 @@ def box(edges: Array | tuple[float, float, float]) -> Mesh:
             order = (0, 1, 2, 3) if outward > 0 else (3, 2, 1, 0)
             faces += [[start + order[i] for i in triangle] for triangle in ((0, 1, 2), (0, 2, 3))]
             vertices.append(square)
-    return Mesh(np.concatenate(vertices) * np.asarray(edges, dtype=float) / 2, np.array(faces))
+    return TriangleMesh(np.concatenate(vertices) * np.asarray(edges, dtype=float) / 2, np.array(faces))
 
 
-def cylinder(radius: float, length: float) -> Mesh:
+def cylinder(radius: float, length: float) -> TriangleMesh:
     """Return a cylinder about the z axis, centred at the origin [m]."""
     h = length / 2
     return revolved([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
 
 
-def sphere(radius: float) -> Mesh:
+def sphere(radius: float) -> TriangleMesh:
     """Return a sphere about the origin [m]."""
     return capsule(radius, 0.0)
 
 
-def capsule(radius: float, length: float) -> Mesh:
+def capsule(radius: float, length: float) -> TriangleMesh:
     """Return a cylinder about the z axis with hemispheres at its ends.
 
     Args:
@@ -60,7 +60,7 @@ def capsule(radius: float, length: float) -> Mesh:
     return revolved([*((r, -z) for r, z in reversed(upper)), *upper], smooth=True)
 
 
-def revolved(profile: list[tuple[float, float]], smooth: bool = False) -> Mesh:
+def revolved(profile: list[tuple[float, float]], smooth: bool = False) -> TriangleMesh:
     """Return the surface of revolution of a profile about the z axis.
 
     Args:
@@ -85,7 +85,7 @@ def revolved(profile: list[tuple[float, float]], smooth: bool = False) -> Mesh:
         start + np.concatenate([np.stack(t, axis=1) for t in _triangles(here, there, band)])
         for start, band in zip(starts, bands, strict=True)
     ]
-    return Mesh(vertices, np.concatenate(faces))
+    return TriangleMesh(vertices, np.concatenate(faces))
 
 
 def _triangles(here: Array, there: Array, band: tuple[tuple[float, float], tuple[float, float]]) -> list[list[Array]]:

@@ -12,13 +12,14 @@ import numpy as np
 from holdfast.dynamics.near_singular import NEAR_SINGULAR, NEARING, chain_strength
 from holdfast.errors import ModelError
 from holdfast.io.files import file_path, write_atomically
+from holdfast.simulation.run_outputs import FRAME_RATE
 from holdfast.spatial.scalar import Array
 from holdfast.view.cameras import cameras
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.embedded import data_element, escaped
 from holdfast.view.figure_style import BLACK, NOISE, TRUNK_COLOUR, part_colour, usual_range
 from holdfast.view.markers import ArrowScale, common_scale
-from holdfast.view.playback import FRAME_RATE, Playback, base_travel, torque_shares
+from holdfast.view.playback import Playback, base_travel, torque_shares
 from holdfast.view.scene_writer import SceneWriter, viewer_server
 from holdfast.view.world_figure import shapes_touched
 

@@ -21,8 +21,9 @@ from holdfast.forces.limits import ForceLimits
 from holdfast.forces.margins import grasp_margins
 from holdfast.forces.row_wrenches import attitudes
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_rows import GraspRow, grasp_rows
+from holdfast.model.trunk import TRUNK
 from holdfast.model.world.touching import Touching
 from holdfast.robots.mesh_files.mesh import MeshFault
 from holdfast.simulation.environment import BaseMotion, Environment

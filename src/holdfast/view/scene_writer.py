@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.errors import HoldfastError, MissingExtra
+from holdfast.robots.mesh_files.mesh import TriangleMesh
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.view.meshes import Mesh
 
 RGB = tuple[int, int, int]
 FIELD_OF_VIEW = np.radians(35.0)  # angle between the upper and lower edges of the picture
@@ -67,7 +67,7 @@ class SceneWriter:
             name, show_axes=axes > 0, axes_length=axes, axes_radius=0.04 * axes, origin_radius=0.06 * axes, **_pose(at)
         )
 
-    def mesh(self, name: str, mesh: Mesh, colour: RGB, opacity: float | None = None) -> None:
+    def mesh(self, name: str, mesh: TriangleMesh, colour: RGB, opacity: float | None = None) -> None:
         """Add a surface, opaque by default; a translucent one is visible from both sides."""
         self._nodes[name] = self.server.scene.add_mesh_simple(
             name, mesh.vertices, mesh.faces, color=colour, opacity=opacity,

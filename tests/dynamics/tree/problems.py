@@ -8,7 +8,8 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.dynamics.tree.forest_inverse import driven
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody, JointCoupling
+from holdfast.model.closure import Closure
+from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from tests.systems.random_forests import ForestProblem, random_forest
 
 LINK = hf.Link(1.0, [0.3, 0.0, 0.0], np.eye(3) * 0.02)

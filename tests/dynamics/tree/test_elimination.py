@@ -17,7 +17,8 @@ from holdfast.dynamics.tree.forest_dynamics import FOREST_METHODS, forest_dynami
 from holdfast.dynamics.tree.forest_motion import ForestMotion, forest_motion
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody, JointCoupling
+from holdfast.model.closure import Closure
+from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from tests.dynamics.tree.test_plan import cases
 from tests.longer import mostly_slow
 from tests.oracles.forest_equations import ForestEquations

@@ -10,7 +10,8 @@ from holdfast.dynamics import Status, forest_balance, forest_close, forest_dynam
 from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
 from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced
 from holdfast.errors import ClosureError, StateError
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody, JointCoupling
+from holdfast.model.closure import Closure
+from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from tests.dynamics.tree.problems import LINK, gap, parallelogram, slider_crank, with_offsets
 from tests.longer import mostly_slow
 from tests.systems.random_forests import random_forest

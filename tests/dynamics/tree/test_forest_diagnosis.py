@@ -7,7 +7,8 @@ import pytest
 
 from holdfast.dynamics import forest_close, forest_diagnose, forest_dynamics, forest_dynamics_vjp
 from holdfast.errors import SingularChainError, StateError
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody
+from holdfast.model.closure import Closure
+from holdfast.model.forest import BodyJoint, Forest, ForestBody
 from holdfast.model.grasp import Grasp
 from holdfast.model.link import Link
 from tests.dynamics.tree.problems import parallelogram, slider_crank

@@ -9,7 +9,8 @@ import holdfast as hf
 from holdfast.dynamics import Status, forest_dynamics, forest_inverse_dynamics
 from holdfast.dynamics.tree.forest_inverse import driven
 from holdfast.errors import StateError
-from holdfast.model.forest import BodyJoint, Closure, Forest, ForestBody, JointCoupling
+from holdfast.model.closure import Closure
+from holdfast.model.forest import BodyJoint, Forest, ForestBody, JointCoupling
 from tests.dynamics.tree.problems import LINK, gap, parallelogram, underactuated
 from tests.longer import mostly_long, mostly_slow
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.world import HalfSpace, Touching
+from holdfast.model.world.solids import HalfSpace
+from holdfast.model.world.touching import Touching
 
 HALF, TILT = 0.1, 0.01  # m, rad
 

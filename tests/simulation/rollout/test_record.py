@@ -15,7 +15,9 @@ from holdfast.dynamics import momentum, project_velocity
 from holdfast.errors import StateError
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.rollout.compiled_steppers import FusedStepper, PythonLawStepper, stepper_for
+from holdfast.simulation.rollout.compiled_steppers import stepper_for
+from holdfast.simulation.rollout.fused_stepper import FusedStepper
+from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.runge_kutta import MIDPOINT
 from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.simulation.trajectory import array_names

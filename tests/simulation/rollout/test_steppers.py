@@ -15,7 +15,8 @@ from holdfast.dynamics.projection import moved
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.rollout.compiled_steppers import FusedStepper, StagewiseStepper, stepper_for
+from holdfast.simulation.rollout.compiled_steppers import StagewiseStepper, stepper_for
+from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.runge_kutta import scheme
 from holdfast.simulation.stepper import ReferenceStepper, Stepper

@@ -19,7 +19,8 @@ from holdfast.scenario.parts import SwayingBase
 from holdfast.simulation import Rollout, RolloutStatus, RolloutSystems, Trajectory
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.rollout.compiled_steppers import FusedStepper, stepper_for
+from holdfast.simulation.rollout.compiled_steppers import stepper_for
+from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.spatial import rotation

@@ -12,7 +12,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from holdfast.compiler.program import Program
-from holdfast.compiler.schedule import Call, Group, Schedule, Wire
+from holdfast.compiler.schedule import Call, Group, Schedule
+from holdfast.compiler.stage import Wire
 from holdfast.compiler.targets.split import Access, SplitProgram
 
 _LINE = 8  # [doubles] areas begin at multiples of a cache line, which is the alignment of the widest vector

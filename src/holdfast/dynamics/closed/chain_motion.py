@@ -24,8 +24,9 @@ from holdfast.dynamics.trunk.trunk_motion import (
 )
 from holdfast.dynamics.trunk.trunk_power import TrunkCase
 from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, scan
 from holdfast.spatial.spatial_vector import shift_wrench

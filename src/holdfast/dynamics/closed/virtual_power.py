@@ -27,10 +27,11 @@ from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.closed.contact import contact
 from holdfast.dynamics.closed.force_elements import deflection
-from holdfast.dynamics.trunk.trunk_power import Numbers, varied_inertia
+from holdfast.dynamics.trunk.trunk_power import varied_inertia
 from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
+from holdfast.questions.case import Numbers
 from holdfast.spatial.differentiation import gradient, linearised
 from holdfast.spatial.inertia import about_origin
 from holdfast.spatial.linear import Linear

@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.constraint import NULL_SINGULAR_VALUE
 from holdfast.dynamics.result import Status
-from holdfast.dynamics.tree.elimination import ForestSolution
 from holdfast.dynamics.tree.forest_balance import kinetic_energy
 from holdfast.dynamics.tree.forest_dynamics import finite_by_plan, forest_arguments
 from holdfast.dynamics.tree.forest_gaps import ForestGaps, position_gaps, require_closed, velocity_gaps
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces, reach, turning
+from holdfast.dynamics.tree.outward import ForestSolution
 from holdfast.dynamics.tree.varied_forest import ForestArguments, displaced
 from holdfast.errors import ClosureError, StateError
 from holdfast.model.forest import Forest

@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.tip_response import LEAST_INERTIA
 from holdfast.dynamics.result import Status
-from holdfast.dynamics.tree.elimination import ForestSolution, contradictions, solved
+from holdfast.dynamics.tree.elimination import contradictions, solved
 from holdfast.dynamics.tree.forest_gaps import require_closed
 from holdfast.dynamics.tree.forest_kkt import forest_kkt
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import forest_rows, least_forces
+from holdfast.dynamics.tree.outward import ForestSolution
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError

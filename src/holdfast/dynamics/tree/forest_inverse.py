@@ -30,7 +30,8 @@ from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.dynamics.tree.virtual_power import ForestUnknowns, residual
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.forest import Closure, Forest
+from holdfast.model.closure import Closure
+from holdfast.model.forest import Forest
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.linalg import back_substitution, shortest_solution

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.tree.elimination import ForestSolution
 from holdfast.dynamics.tree.forest_motion import ForestMotion
 from holdfast.dynamics.tree.forest_rows import ForestRows, forest_rows, reach, turning
+from holdfast.dynamics.tree.outward import ForestSolution
 from holdfast.errors import MethodNotApplicable
 from holdfast.spatial.linalg import gauss_solve
 from holdfast.spatial.scalar import Array

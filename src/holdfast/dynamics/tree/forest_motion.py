@@ -19,7 +19,8 @@ import numpy as np
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.object_motion import FreeBody, free_body
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.model.forest import Closure, Forest, ForestBody, Topology
+from holdfast.model.closure import Closure
+from holdfast.model.forest import Forest, ForestBody, Topology
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import acceleration_gradient, centripetal, shift_twist, shift_wrench

@@ -21,7 +21,8 @@ from holdfast.dynamics.tree.forest_motion import Carrier, ClosureMotion, ForestM
 from holdfast.dynamics.tree.order import MeasureLeaves
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.model.arm import Arm
-from holdfast.model.forest import GROUND, Closure, Forest
+from holdfast.model.closure import Closure
+from holdfast.model.forest import GROUND, Forest
 from holdfast.model.joint import Joint
 from holdfast.spatial.frozen import changed
 from holdfast.spatial.pose import Pose

@@ -22,7 +22,8 @@ from holdfast.dynamics.tree.mechanism_terms import (
 )
 from holdfast.errors import ClosureError, MethodNotApplicable
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
 from holdfast.spatial.scalar import Array

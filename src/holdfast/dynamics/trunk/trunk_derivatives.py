@@ -22,7 +22,7 @@ from holdfast.dynamics.closed.virtual_power import ArmUnknowns
 from holdfast.dynamics.tree.of_chain import chain_elimination
 from holdfast.dynamics.trunk.trunk_motion import TrunkMotion
 from holdfast.dynamics.trunk.trunk_power import MOTION, MountedBase, TrunkCase, TrunkUnknowns
-from holdfast.model.closed_chain import TRUNK
+from holdfast.model.trunk import TRUNK
 from holdfast.questions.arrays import BASE_RESULT, FLOATING_RESULT, LINKS, OF_JOINTS, TRUNK_LINKS
 from holdfast.spatial.pose import by_motion, by_motions, rates_of
 from holdfast.spatial.scalar import Array, concatenate, each, each_of

@@ -13,7 +13,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum
 from holdfast.spatial.spatial_vector import shift_wrench
 

@@ -19,9 +19,10 @@ from holdfast.dynamics.arm.bias import bias_accelerations
 from holdfast.dynamics.arm.forward_kinematics import expand, forward_kinematics, link_twists
 from holdfast.dynamics.tree.crossing import columns_of
 from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each

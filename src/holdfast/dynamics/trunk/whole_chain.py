@@ -21,7 +21,7 @@ from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkMotion
-from holdfast.model.closed_chain import TRUNK
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, twist_shift
 

@@ -21,7 +21,8 @@ from holdfast.dynamics.inverse import acceleration_of_base
 from holdfast.dynamics.regressor import Regressor, inertial_parameters, regressor_of
 from holdfast.identification.recording import Recording
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 

@@ -17,8 +17,9 @@ from holdfast.identification.equations import PARAMETER_NAMES, WRENCH_AXES, plai
 from holdfast.identification.machine.log_cholesky import body_at, no_thinner, reference_factor
 from holdfast.identification.machine.prior import Prior
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.link import Link
+from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array
 
 ON_JOINTS = ("armature", "damping", "friction", "friction_offset", "friction_asymmetry")

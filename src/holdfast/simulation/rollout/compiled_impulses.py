@@ -16,7 +16,7 @@ from holdfast.control.controller import Controller
 from holdfast.control.traced_law import law_of
 from holdfast.dynamics.contact.fixed_modes import ContactModes
 from holdfast.simulation.adaptive import Tolerance
-from holdfast.simulation.contact_stepper import ContactStepper
+from holdfast.simulation.contact_stepper import TOUCH_WRENCH, ContactStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.impulse_stepper import ImpulseStepper, touch_of
 from holdfast.simulation.instant import Instant
@@ -25,7 +25,7 @@ from holdfast.simulation.rollout.fused_stepper import by_name, constant_inputs, 
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, state_rows
 from holdfast.simulation.rollout.traced_impulses import WHOLE_PATH
-from holdfast.simulation.rollout.traced_step import RUNNING, TOUCH_WRENCH
+from holdfast.simulation.rollout.traced_step import RUNNING
 from holdfast.simulation.runge_kutta import MIDPOINT, Tableau
 from holdfast.simulation.stepper import Advance
 from holdfast.spatial.frozen import NOT_GIVEN, changed

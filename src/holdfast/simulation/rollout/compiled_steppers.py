@@ -20,7 +20,8 @@ from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_t
 from holdfast.control.traced_law import law_of
 from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import TRUNK
 from holdfast.questions.arrays import state_of
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import MOVING_BASES, Environment, GivenInputs

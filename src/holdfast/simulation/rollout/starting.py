@@ -19,7 +19,6 @@ from holdfast.dynamics.tree.forest_simulate import ForestReference
 from holdfast.dynamics.tree.mechanism_terms import flat_state
 from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.errors import ClosureError, SingularChainError, StateError
-from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import answered_as_forest
 from holdfast.questions.arrays import state_fields
@@ -27,6 +26,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.arguments import fitting, kernel_arguments
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_step import BROKEN
+from holdfast.spatial.real_numbers import ROTATION_TOLERANCE
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 

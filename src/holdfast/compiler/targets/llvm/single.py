@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 
-from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Schedule, Wire
+from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Schedule
+from holdfast.compiler.stage import Wire
 from holdfast.compiler.targets.layout import Area, Layout
 from holdfast.compiler.targets.llvm.functions import Module, constant, declarations, filled, number_type
 from holdfast.compiler.targets.llvm.transposition import masked_load, of_items
