@@ -13,11 +13,9 @@ import holdfast as hf
 from benchmarks.bench.mujoco_peer import mjcf
 from holdfast.control import InternalForce, ObjectImpedance, RestToRest, cooperative_law
 from holdfast.interop.mjcf_writer import HARDEST, coordinates
-from holdfast.model.world.features import Sphere
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
+from holdfast.world import HalfSpace, Sphere, Touching
 
 STEP, G, RADIUS, MU, TILT = 1e-3, 9.81, 5e-3, 0.5, np.radians(15.0)
 MANY = 512  # systems that a rollout takes together

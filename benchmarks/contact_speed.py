@@ -29,9 +29,8 @@ from holdfast.compiled.traced_chain import traced
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.contact.contact_forces import RESOLVED, cold_forces, contact_problem, found_forces
 from holdfast.dynamics.contact.proximal_newton import polished
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
 from holdfast.spatial.scalar import Array
+from holdfast.world import HalfSpace, Touching, corners
 
 BATCH = 512
 WARM = (1e-3, 1e-4)

@@ -16,11 +16,9 @@ from collections import Counter
 import numpy as np
 
 import holdfast as hf
-from holdfast.model.world.features import Circle
-from holdfast.model.world.holes import Hole, Rod
-from holdfast.model.world.touching import Touching
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial import rotation
+from holdfast.world import Circle, Hole, Rod, Touching
 
 RADIUS, CLEARANCE, CHAMFER = 0.01, 1e-4, 2e-3
 HALF, EDGE = 0.03, 5e-4  # of the peg

@@ -23,11 +23,9 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.dynamics.contact.rows import contact_rows
-from holdfast.model.world.features import Sphere
-from holdfast.model.world.solids import Ball, Box, Cylinder, HalfSpace
-from holdfast.model.world.touching import Touching, corners
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial import rotation
+from holdfast.world import Ball, Box, Cylinder, HalfSpace, Sphere, Touching, corners
 
 DURATION, STEP = 0.25, 1e-2
 BODIES = ("box", "ball", "peg", "cylinder")

@@ -10,12 +10,9 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 import holdfast as hf
-from holdfast.model.world.features import Circle, Sphere
-from holdfast.model.world.holes import Hole, Rod
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
 from holdfast.spatial import rotation
 from holdfast.view.figure_style import DPI, STYLE
+from holdfast.world import Circle, HalfSpace, Hole, Rod, Sphere, Touching, corners
 
 OUT = Path(__file__).parent / "out"
 MASS, EDGES, MU, PUSH = 1.0, (0.2, 0.2, 0.1), 0.3, 5.0

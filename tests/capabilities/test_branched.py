@@ -25,7 +25,7 @@ ANSWERED = {
     "forces.distribute", "forces.grasp_margins", "forces.joint_margins", "forces.least_peak",
     "forces.lift_margin", "forward_dynamics", "forward_dynamics_jacobian", "forward_dynamics_jvp",
     "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise", "plot.playback_of_run",
-    "plot.save_plots", "project", "simulate",
+    "plot.save_plots", "project", "simulate", "sweep",
 }  # fmt: skip
 
 
@@ -80,6 +80,14 @@ BESIDE = {
     "plot.playback_of_run": {"run": short_run()},
     "plot.save_plots": {"run": short_run(), "folder": tempfile.mkdtemp()},
     "simulate": {"duration": 2e-3, "step": 1e-3, "controller": lambda t, state, memory: (np.zeros(16), memory)},
+    "sweep": {
+        "parameters": {"tau": two_arms_with_grippers().tau},
+        "count": 2,
+        "duration": 2e-3,
+        "step": 1e-3,
+        "store": Path(tempfile.mkdtemp()) / "runs",
+        "scheme": "midpoint",
+    },
     "inverse_dynamics": {"qdd": np.zeros(16), "object_acceleration": np.zeros(6)},
 }
 EXPECTED = "expected (serial arms that hold one object|a serial arm), got"
@@ -131,7 +139,7 @@ def arguments(of: Any, given: dict[str, Any], p: Branched) -> dict[str, Any]:
 CALLS = calls()
 
 
-@pytest.mark.parametrize("path", mostly_slow(CALLS, {*CALLS} - {"codegen.export_c"}))
+@pytest.mark.parametrize("path", mostly_slow(CALLS, {*CALLS} - {"codegen.export_c", "sweep"}))
 def test_answered_or_refused_by_name(path):
     """No traceback, and no number that belongs to another chain."""
     of, given = PUBLIC[path], CALLS[path]

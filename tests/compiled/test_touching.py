@@ -12,8 +12,7 @@ from holdfast.compiled import forward_schedule
 from holdfast.compiler.targets import OBJECT_TARGETS, cpu
 from holdfast.dynamics import ContactMode, ContactStatus, Status
 from holdfast.errors import ContactError, MethodNotApplicable, StateError
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
+from holdfast.world import HalfSpace, Touching, corners
 from tests.codegen.exported import built, outputs, require
 from tests.control.two_pandas import two_pandas
 from tests.longer import mostly_slow

@@ -8,8 +8,7 @@ import pytest
 import holdfast as hf
 from holdfast.control import InternalForce, ObjectImpedance, RestToRest, cooperative_law
 from holdfast.errors import ModelError
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
+from holdfast.world import HalfSpace, Touching, corners
 from tests.control.two_pandas import two_pandas
 
 PRESS = 20.0  # N

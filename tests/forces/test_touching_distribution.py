@@ -19,8 +19,7 @@ from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.forces import ForceCost, ForceLimits, distribute, least_peak, lift_margin
 from holdfast.forces.force_question import force_question
 from holdfast.forces.margins import conditions
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
+from holdfast.world import HalfSpace, Touching, corners
 from tests.control.two_pandas import rubber_pandas
 from tests.longer import mostly_long, mostly_slow
 from tests.systems.touched import touched_problem

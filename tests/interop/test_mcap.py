@@ -10,9 +10,8 @@ from holdfast import ClosedChain, HeldObject, Pose, State, simulate
 from holdfast.errors import MissingExtra, ResultError
 from holdfast.interop import mcap_writer
 from holdfast.interop.mcap_writer import write_mcap
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching
 from holdfast.spatial import rotation
+from holdfast.world import HalfSpace, Touching
 from tests.systems.anchored import pinned
 from tests.systems.problems import random_problem
 from tests.systems.trunk_runs import still_base

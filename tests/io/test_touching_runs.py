@@ -7,9 +7,8 @@ import pytest
 
 import holdfast as hf
 from holdfast.io.tables import export_csv, export_parquet
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
 from holdfast.simulation.trajectory import TOUCH_FIELDS
+from holdfast.world import HalfSpace, Touching, corners
 
 EDGES, MU, MASS = (0.2, 0.2, 0.1), 0.5, 2.0
 FEET = {"a": [0.05, 0, -0.05], "b": [-0.05, 0.05, -0.05], "c": [-0.05, -0.05, -0.05]}

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import holdfast as hf
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching
+from holdfast.world import HalfSpace, Touching
 
 L1, L2, A, B, CLEARANCE = 0.153, 0.306, 0.05, 0.025, 1e-3
 M1, M2, M3, J1, J2, J3 = 0.038, 0.038, 0.076, 7.4e-5, 5.9e-4, 2.7e-6

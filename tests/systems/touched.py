@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast import Inputs
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching
+from holdfast.world import HalfSpace, Touching
 from tests.systems.as_chain import Problem
 from tests.systems.limited import limited_problem
 

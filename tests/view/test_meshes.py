@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from holdfast import Pose
+from holdfast.robots.mesh_files.mesh import TriangleMesh
 from holdfast.spatial import rotation
 from holdfast.view import meshes
 
@@ -19,7 +20,7 @@ def frusta(radius: float, length: float) -> float:
     return float(ends + radius**2 * length)
 
 
-def volume(mesh: meshes.Mesh) -> float:
+def volume(mesh: TriangleMesh) -> float:
     """Return the volume inside by the divergence theorem; of an inward or open surface it is another."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6

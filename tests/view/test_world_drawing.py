@@ -4,12 +4,6 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.model.world.convex_mesh import ConvexMesh
-from holdfast.model.world.features import Circle, Sphere
-from holdfast.model.world.height_field import HeightField
-from holdfast.model.world.holes import Hole, Rod
-from holdfast.model.world.solids import Ball, Box, Cone, Cylinder, HalfSpace
-from holdfast.model.world.touching import Touching
 from holdfast.simulation.summary import summarise
 from holdfast.view.chain_scene import ChainScene, drawn_object
 from holdfast.view.live import readout
@@ -20,6 +14,20 @@ from holdfast.view.plots import figures
 from holdfast.view.scene_writer import SceneWriter, viewer_server
 from holdfast.view.summary_table import rows
 from holdfast.view.world_drawing import placed_mesh, solids_of, touching_points
+from holdfast.world import (
+    Ball,
+    Box,
+    Circle,
+    Cone,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    HeightField,
+    Hole,
+    Rod,
+    Sphere,
+    Touching,
+)
 
 AT = hf.Pose.from_rpy(0.3, -0.5, 1.1, xyz=[0.4, -0.2, 0.7])
 NEAR = np.array([0.5, 0.1, 0.6])

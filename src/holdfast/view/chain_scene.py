@@ -14,7 +14,7 @@ from holdfast.model.joint import Joint
 from holdfast.model.trunk import TRUNK, Trunk
 from holdfast.model.visuals import Cylinder, Sphere
 from holdfast.model.world.features import Circle
-from holdfast.robots.mesh_files.mesh import MeshFault
+from holdfast.robots.mesh_files.mesh import MeshFault, TriangleMesh
 from holdfast.robots.visuals import arm_length, chain_length, equivalent_box, visuals_of, visuals_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import UP, Pose
@@ -205,7 +205,7 @@ class ChainScene:
                 self._writer.mesh(f"{node}/({j})", whole, colour if shade is None else shade)
         return nodes[1:]
 
-    def _hand(self, tip: Pose) -> meshes.Mesh:
+    def _hand(self, tip: Pose) -> TriangleMesh:
         """Return a thin tool from a link's origin to a disc at a tip, in the link's axes."""
         thin, length = TOOL_RADIUS * self._size, float(np.linalg.norm(tip.p))
         # slightly beyond the tip, to avoid flicker with surfaces that end there
@@ -291,7 +291,7 @@ def arm_colour(index: int) -> RGB:
     return figure_style.rgb(figure_style.arm_style(index)[0])
 
 
-def foot(size: float, normal: Array) -> meshes.Mesh:
+def foot(size: float, normal: Array) -> TriangleMesh:
     """Return a flat plate below a base.
 
     Args:
@@ -329,7 +329,7 @@ def _node(name: str) -> str:
 CIRCLE_LINES = 48  # lines of a circle
 
 
-def drawn_object(held: HeldObject, solids: Sequence[meshes.Mesh] = ()) -> tuple[meshes.Mesh, Array, Array, Pose]:
+def drawn_object(held: HeldObject, solids: Sequence[TriangleMesh] = ()) -> tuple[TriangleMesh, Array, Array, Pose]:
     """Return surface, outline (N, 2, 3), and edges (3,) and pose of the box around it, all in object axes [m].
 
     An object whose surface is not known or cannot be read is drawn as the solids with which it touches the world, or,

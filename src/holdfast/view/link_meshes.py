@@ -14,7 +14,7 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.trunk import TRUNK
 from holdfast.model.visuals import Box, Capsule, Cylinder, Sphere, Visual
 from holdfast.model.visuals import Mesh as MeshFile
-from holdfast.robots.mesh_files.mesh import FARTHEST_VERTEX, MeshFault, require_triangles
+from holdfast.robots.mesh_files.mesh import FARTHEST_VERTEX, MeshFault, TriangleMesh, require_triangles
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.robots.primitive import LINK_COLOURS, Primitive
 from holdfast.spatial.frozen import FrozenDict
@@ -33,7 +33,7 @@ class LinkMesh(NamedTuple):
         colour: red, green and blue, 0 to 255; None for the colour of the arm.
     """
 
-    mesh: meshes.Mesh
+    mesh: TriangleMesh
     colour: tuple[int, int, int] | None
 
 
@@ -70,7 +70,7 @@ def meshes_of_urdf(
     """
 
     @cache
-    def read(filename: str) -> meshes.Mesh:
+    def read(filename: str) -> TriangleMesh:
         return read_mesh(filename, folder, packages)
 
     found: list[list[LinkMesh]] = []
@@ -107,7 +107,7 @@ def meshes_in_files(chain: ClosedChain) -> tuple[dict[str, list[list[LinkMesh]]]
     return link_meshes, missing
 
 
-def surface_of_object(held: HeldObject) -> meshes.Mesh | MeshFault | None:
+def surface_of_object(held: HeldObject) -> TriangleMesh | MeshFault | None:
     """Return the surface of an object, or the reason why it cannot be read; None if the object has no shape."""
     if held.shape is None:
         return None
@@ -137,7 +137,7 @@ def _of_primitive(solid: Primitive, scale: float) -> LinkMesh:
     return LinkMesh(mesh.at(solid.pose), None if solid.colour == "accent" else LINK_COLOURS[solid.colour])
 
 
-def piece_of(visual: Visual, read: Callable[[str], meshes.Mesh]) -> LinkMesh:
+def piece_of(visual: Visual, read: Callable[[str], TriangleMesh]) -> LinkMesh:
     """Return the surface and colour of a visual; `read` returns the surface in a file of a given name."""
     shape = visual.shape
     match shape:
@@ -155,7 +155,7 @@ def piece_of(visual: Visual, read: Callable[[str], meshes.Mesh]) -> LinkMesh:
     return LinkMesh(mesh.at(visual.pose), (red, green, blue))
 
 
-def _from_file(shape: MeshFile, read: Callable[[str], meshes.Mesh]) -> meshes.Mesh:
+def _from_file(shape: MeshFile, read: Callable[[str], TriangleMesh]) -> TriangleMesh:
     """Return the surface in a mesh file, scaled."""
     found = read(shape.filename)
     mirrored = np.prod(np.sign(shape.scale)) < 0
@@ -163,4 +163,4 @@ def _from_file(shape: MeshFile, read: Callable[[str], meshes.Mesh]) -> meshes.Me
         vertices = found.vertices * shape.scale
     if not (np.abs(vertices) <= FARTHEST_VERTEX).all():
         raise MeshFault(f"{shape.filename}: scale: expected vertices within {FARTHEST_VERTEX:g} m, got one beyond")
-    return meshes.Mesh(vertices, found.faces[:, ::-1] if mirrored else found.faces)
+    return TriangleMesh(vertices, found.faces[:, ::-1] if mirrored else found.faces)

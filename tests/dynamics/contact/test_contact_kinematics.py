@@ -7,11 +7,8 @@ import pytest
 
 import holdfast as hf
 from holdfast.dynamics.contact.rows import contact_rows
-from holdfast.model.world.features import Circle, Sphere
-from holdfast.model.world.holes import Hole, Rod
-from holdfast.model.world.solids import Ball, Box, Cone, Cylinder, HalfSpace
-from holdfast.model.world.touching import Touching
 from holdfast.spatial import rotation
+from holdfast.world import Ball, Box, Circle, Cone, Cylinder, HalfSpace, Hole, Rod, Sphere, Touching
 
 H = 1e-3
 

@@ -9,11 +9,9 @@ import holdfast as hf
 from holdfast.dynamics import ContactMode, ContactStatus
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.forces import ForceLimits, distribute
-from holdfast.model.world.features import Sphere
-from holdfast.model.world.solids import Ball, HalfSpace
-from holdfast.model.world.touching import Touching, corners
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
+from holdfast.world import Ball, HalfSpace, Sphere, Touching, corners
 from tests.systems.touched import touched_problem
 
 RESULTS = ("qdd", "object_acceleration", "grasp_wrench", "touch_force")

@@ -5,9 +5,8 @@ import pytest
 
 import holdfast as hf
 from holdfast.dynamics.contact.rows import contact_axes, contact_rows
-from holdfast.model.world.features import Sphere
-from holdfast.model.world.touching import Touching
 from holdfast.spatial import rotation
+from holdfast.world import Sphere, Touching
 from tests.model.world.test_shapes import SHAPES
 
 POINTS = {"point": [0.05, 0.02, -0.04], "ball": Sphere([-0.03, 0.06, 0.02], 0.03)}

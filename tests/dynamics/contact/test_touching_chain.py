@@ -10,8 +10,7 @@ from holdfast.cli.contact_answers import contact_answers
 from holdfast.dynamics import ContactMode, ContactStatus, kinetic_energy
 from holdfast.dynamics.contact.rows import contact_rows
 from holdfast.errors import ContactError, ModelError, StateError
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
+from holdfast.world import HalfSpace, Touching, corners
 from tests.longer import mostly_slow
 from tests.systems.stored_cases import stored_cases
 

@@ -6,12 +6,21 @@ from scipy.interpolate import make_interp_spline
 
 import holdfast as hf
 from holdfast.errors import HoldfastError, ModelError
-from holdfast.model.world.convex_mesh import ConvexMesh
-from holdfast.model.world.features import Circle, Sphere
-from holdfast.model.world.height_field import HeightField
-from holdfast.model.world.holes import Hole, Rod
-from holdfast.model.world.solids import Ball, Box, Cone, Cylinder, HalfSpace
-from holdfast.model.world.touching import Touching, corners
+from holdfast.world import (
+    Ball,
+    Box,
+    Circle,
+    Cone,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    HeightField,
+    Hole,
+    Rod,
+    Sphere,
+    Touching,
+    corners,
+)
 
 TILTED = hf.Pose.from_wxyz_xyz([0.5, 0.5, -0.5, 0.5, 0.1, -0.2, 0.3])
 SHAPES = {

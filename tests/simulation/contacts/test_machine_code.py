@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
 from holdfast.simulation import simulate as simulated
 from holdfast.simulation.contact_stepper import ContactStepper
 from holdfast.simulation.rollout.contact_stages import ContactSteppers, StagewiseContactStepper
+from holdfast.world import HalfSpace, Touching, corners
 from tests.control.two_pandas import two_pandas
 
 RECORDED = ("q", "qd", "qdd", "object_pose", "object_twist", "grasp_wrench", "touch_force", "touch_gap", "work")

@@ -5,10 +5,8 @@ import pytest
 
 import holdfast as hf
 from holdfast.io.contact_motion import error_of
-from holdfast.model.world.features import Sphere
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
 from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.world import HalfSpace, Sphere, Touching, corners
 from tests.systems.stored_cases import stored_cases
 
 STORED = stored_cases("cases_contact.json")

@@ -5,9 +5,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import ModelError
-from holdfast.model.world.features import Sphere
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
+from holdfast.world import HalfSpace, Sphere, Touching, corners
 from tests.longer import mostly_slow
 
 MU, G, SPEED = 0.3, 9.81, 0.8

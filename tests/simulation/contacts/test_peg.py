@@ -7,11 +7,8 @@ from scipy.optimize import linprog
 import holdfast as hf
 from holdfast.dynamics.contact.rows import contact_rows
 from holdfast.errors import MethodNotApplicable, ModelError
-from holdfast.model.world.features import Circle
-from holdfast.model.world.holes import Hole, Rod
-from holdfast.model.world.solids import Cylinder, HalfSpace
-from holdfast.model.world.touching import Touching
 from holdfast.spatial import rotation
+from holdfast.world import Circle, Cylinder, HalfSpace, Hole, Rod, Touching
 
 R, r, HALF = 0.0101, 0.01, 0.03
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching
+from holdfast.world import HalfSpace, Touching
 
 HALF, TILT = 0.1, 0.01  # m, rad
 

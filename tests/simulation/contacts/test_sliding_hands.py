@@ -6,9 +6,8 @@ import pytest
 import holdfast as hf
 from holdfast import Arm, ClosedChain, Friction, Grasp, Joint, Link, Pose, State
 from holdfast.errors import MethodNotApplicable
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
 from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.world import HalfSpace, Touching, corners
 from tests.simulation.gantries import BLOCK, LINK, REACH, SMALL, block, contact_frame, squeezed
 
 G, MU = 9.81, 0.5

@@ -6,9 +6,8 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.control import InternalForce, ObjectImpedance, RestToRest, cooperative_law
-from holdfast.model.world.solids import HalfSpace
-from holdfast.model.world.touching import Touching, corners
 from holdfast.spatial import rotation
+from holdfast.world import HalfSpace, Touching, corners
 
 TABLE, HEIGHT, STIFFNESS = 0.28, 0.4, 800.0  # m, m, N/m
 
