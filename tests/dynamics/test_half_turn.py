@@ -20,7 +20,7 @@ from holdfast.errors import ClosureError, StateError
 from holdfast.robots import gen3, ur5e
 from holdfast.simulation.rollout.traced_step import GRASP_OPEN
 from holdfast.state import shaped_inputs
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.oracles.maximal_kkt import solve
 from tests.systems.as_case import as_case
 from tests.systems.as_chain import Problem, mounted
@@ -74,7 +74,7 @@ def opened(chain, state):
     return float(Rotation.from_matrix(seen).magnitude())
 
 
-@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("angle", mostly_slow(ANGLES, ANGLES[1:3]))
 @pytest.mark.parametrize(("kind", "axis"), OFF)
 def test_measured(kind, axis, angle):
     """`closure` measures the angle; the measure of a step does to 0.16 rad, and exactly near half a turn."""
@@ -85,7 +85,7 @@ def test_measured(kind, axis, angle):
     assert angle - 1e-7 <= found <= angle + max(1e-7, (np.pi - angle) ** 3 / 24)
 
 
-@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("angle", mostly_slow(ANGLES, ANGLES[1:3]))
 @pytest.mark.parametrize(("kind", "axis"), OFF)
 def test_refused(kind, axis, angle):
     """`project` and `simulate` refuse it and say how open it is; `close` turns it all the way, or refuses it."""

@@ -77,7 +77,9 @@ def test_both_sides_of_an_event():
     assert len(some) == 5  # start, both sides, 0.05 and the end
 
 
-@pytest.mark.parametrize("record", [STATES, ["q", "wrist_wrench"], ["lowest_margin_time"], "kinetic"])
+@pytest.mark.parametrize(
+    "record", mostly_slow([STATES, ["q", "wrist_wrench"], ["lowest_margin_time"], "kinetic"], [STATES])
+)
 def test_chosen_arrays(record):
     """They have the same bits as in a run with everything; the others raise an error that names them."""
     whole, some = lift(0.02), lift(0.02, record=record)

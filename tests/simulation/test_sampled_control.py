@@ -13,7 +13,7 @@ from holdfast.errors import ModelError, StateError
 from holdfast.simulation.events import Attach, Release
 from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from holdfast.simulation.trajectory import Trajectory, array_names
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.simulation.gantries import PUSHED, contact_frame, pressed, squeezed
 from tests.simulation.rollout.problems import problem
 from tests.simulation.test_checkpoint import on_disk
@@ -50,7 +50,9 @@ WAYS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("options", WAYS + mostly_long([{"scheme": "dop853"}], ()), ids=str)
+@pytest.mark.parametrize(
+    "options", mostly_slow(WAYS, (WAYS[4], WAYS[6])) + mostly_long([{"scheme": "dop853"}], ()), ids=str
+)
 def test_asked_once_a_sample_and_held(options):
     """One question a sample, with time and state of that sample; the torques act from then, or later, to the bit."""
     law, delay = Swinging(), options.get("delay", 0.0)
