@@ -57,12 +57,13 @@ def state_arguments(chain: ClosedChain, *given: Any) -> dict[str, Any]:
     Raises:
         StateError: a part of the state is missing, or is given although no base floats.
     """
-    named, known = dict(zip((*STATE, *FLOATING), given, strict=True)), shapes(chain)
+    named = dict(zip((*STATE, *FLOATING), given, strict=True))
     for name in STATE:
         if named[name] is None:
-            if math.prod(known[name]):
-                raise StateError(f"{name}: expected shape {checks.shapes_with_rows(known[name], 'systems')}, got none")
-            named[name] = np.zeros(known[name])
+            shape = shapes(chain)[name]
+            if math.prod(shape):
+                raise StateError(f"{name}: expected shape {checks.shapes_with_rows(shape, 'systems')}, got none")
+            named[name] = np.zeros(shape)
     for name in FLOATING:
         if chain.floats and named[name] is None:
             raise StateError(f"{name}: expected that of the trunk's floating base, got none")
@@ -117,7 +118,7 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
 
 def chain_arguments(kernel: StepKernel) -> list[str]:
     """Return those of `CHAINS` that a kernel takes; chains that are answered as forests are constants of theirs."""
-    return [name for name in CHAINS if name in kernel.externals or not answered_as_forest(kernel.chain)]
+    return [name for name in CHAINS if name in kernel.externals] if answered_as_forest(kernel.chain) else [*CHAINS]
 
 
 def kernel_arguments(kernel: StepKernel, given: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
