@@ -80,6 +80,18 @@ def test_one_system_is_as_a_batch_and_as_bound():
 
 
 @pytest.mark.slow
+def test_nothing_touches_without_friction():
+    """Contacts without friction that are all far away have no forces, and change nothing."""
+    chain, state, tau = on_a_table(friction=0.0)
+    table = chain.touching.world["table"]
+    lower = Touching(chain.touching.points, {"table": replace(table, offset=table.offset - 0.1)})
+    found = hf.compile(replace(chain, touching=lower)).forward_dynamics(*arguments(state, tau))
+    assert found.touch_status is ContactStatus.OK and not found.touch_residual and not found.touch_force.any()
+    true = hf.forward_dynamics(replace(chain, touching=None), state, tau)
+    assert np.abs(found.qdd - true.qdd).max() < 1e-10
+
+
+@pytest.mark.slow
 def test_from_given_forces():
     """Three of Newton's steps from the forces of a similar instant lead to the same motion."""
     chain, state, tau = on_a_table()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from holdfast.control.controller import ControlLaw
 from holdfast.errors import HoldfastError
 from holdfast.io.contact_motion import ContactMotion, error_of
 from holdfast.simulation.contact_events import EVENTS_WAY, IMPULSES_WAY
@@ -78,8 +79,8 @@ def _answer(case: ContactMotion, way: str, step: float) -> ContactMotionAnswer:
     chain = case.chain()
     none = np.zeros(chain.joint_count)
     try:
-        law = lambda t, state, memory: (none, memory)  # noqa: E731
-        run = simulate(chain, case.state(), law, case.duration, step, contacts=way)
+        unpowered = ControlLaw(lambda t, state, memory, given: (none, memory))
+        run = simulate(chain, case.state(), unpowered, case.duration, step, contacts=way)
         if run.stopped is not None:
             return ContactMotionAnswer(case, way, f"stopped: {run.stopped}")
         return ContactMotionAnswer(case, way, None, case.found(run))

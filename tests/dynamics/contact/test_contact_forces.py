@@ -9,7 +9,8 @@ from holdfast.compiler.interpret import interpret
 from holdfast.compiler.trace import trace
 from holdfast.dynamics import ContactMode, ContactStatus, solve_contacts
 from holdfast.dynamics.contact.contact_forces import cold_forces, contact_problem, found_forces
-from holdfast.dynamics.contact.rows import contact_axes
+from holdfast.dynamics.contact.pressing import forces_of_near
+from holdfast.dynamics.contact.rows import ContactRows, contact_axes
 from holdfast.dynamics.contact.uniqueness import proven_unique, squeezing_forces
 from holdfast.errors import StateError
 from holdfast.spatial.scalar import concatenate
@@ -37,6 +38,16 @@ def sliding(P, C, points, mu, twist):
     drift = np.array([contact_axes(UP) @ np.cross(w, np.cross(w, l)) for l in points])
     u = (C @ twist)[:, :2]
     return solve_contacts(P, C, C @ GRAVITY + drift, np.full(len(C), mu), slide=u / np.linalg.norm(u, axis=1)[:, None])
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+def test_none_of_the_contacts_is_near(mu):
+    """Contacts that take no part have no forces, and laws that hold."""
+    P, C, _ = table()
+    none, axes = np.zeros((4, 3)), np.array([contact_axes(UP)] * 4)
+    rows = ContactRows(np.ones(4), C, none, none, none, axes, np.full(4, mu), np.zeros(4))
+    found = forces_of_near(P, rows, C @ GRAVITY, np.zeros((4, 2)), np.zeros(4), None)
+    assert not found.force.any() and not found.mode.any() and not found.residual
 
 
 @pytest.mark.parametrize("k", [1, 2, 4, 8])

@@ -8,6 +8,7 @@ import pytest
 import holdfast as hf
 from holdfast.simulation import simulate as simulated
 from holdfast.simulation.contact_stepper import ContactStepper
+from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.simulation.rollout.contact_stages import ContactSteppers, StagewiseContactStepper
 from holdfast.world import HalfSpace, Touching, corners
 from tests.control.two_pandas import two_pandas
@@ -63,3 +64,19 @@ def test_which_chains():
         still = lambda t: (chain.arms["left"].base, np.zeros(6), np.zeros(6))  # noqa: E731
         hf.simulate(chain, state, law, 0.002, 0.002, base_motion={"left": still})
         assert not isinstance(made[-1], StagewiseContactStepper)
+
+
+@pytest.mark.slow
+def test_steps_without_friction(monkeypatch):
+    """A point without friction falls from 2 mm, and no step is left to the reference: also those before the touch."""
+    touching = Touching({"p": [0.0, 0.0, 0.0]}, {"floor": HalfSpace(friction=0.0, restitution=0.5)})
+    chain = hf.ClosedChain({}, hf.HeldObject.sphere(1.0, 0.1), {}, touching=touching)
+    state = hf.State(np.zeros(0), np.zeros(0), hf.Pose.translation(0.0, 0.0, 2e-3), np.zeros(6))
+    none = lambda t, state, memory, given: (np.zeros(0), memory)  # noqa: E731
+    monkeypatch.setattr(ImpulseStepper, "advance", None)
+    run = hf.simulate(chain, state, hf.ControlLaw(none), 0.05, 1e-3, contacts="steps")
+    fall = np.sqrt(2 * 2e-3 / 9.81)
+    before, after = run.t < fall - 1e-3, run.t > fall + 1e-3
+    heights = 2e-3 - 0.5 * 9.81 * run.t**2
+    assert np.abs(run.object_pose[before, -1] - heights[before]).max() < 1e-15
+    assert abs(run.object_twist[after][0, 5] / (0.5 * 9.81 * fall) - 1) < 0.2  # within a step of the rebound

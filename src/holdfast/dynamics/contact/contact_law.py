@@ -161,7 +161,7 @@ def size_of(c: ReducedContact) -> Scalar:
 def in_friction_cone(y: Array, mu: Scalar) -> Array:
     """Return the nearest point of the cone |x_t| <= mu x_n, (3,)."""
     size = sqrt(y[1:] @ y[1:])
-    inside, polar = size <= mu * y[0], mu * size <= -y[0]
-    n = where(inside, y[0], where(polar, 0.0, (y[0] + mu * size) * reciprocal(1.0 + mu * mu)))
-    ratio = where(inside, 1.0, where(polar, 0.0, mu * n * reciprocal(where(size > 0.0, size, 1.0))))
+    inside, polar = size <= mu * y[0], mu * size <= -y[0]  # both are true below the apex of a cone without width
+    n = where(polar, 0.0, where(inside, y[0], (y[0] + mu * size) * reciprocal(1.0 + mu * mu)))
+    ratio = where(polar, 0.0, where(inside, 1.0, mu * n * reciprocal(where(size > 0.0, size, 1.0))))
     return concatenate([[n], ratio * y[1:]])
