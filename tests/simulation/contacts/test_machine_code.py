@@ -12,6 +12,7 @@ from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.simulation.rollout.contact_stages import ContactSteppers, StagewiseContactStepper
 from holdfast.world import HalfSpace, Touching, corners
 from tests.control.two_pandas import two_pandas
+from tests.systems.stored_cases import stored_cases
 
 RECORDED = ("q", "qd", "qdd", "object_pose", "object_twist", "grasp_wrench", "touch_force", "touch_gap", "work")
 
@@ -80,3 +81,29 @@ def test_steps_without_friction(monkeypatch):
     heights = 2e-3 - 0.5 * 9.81 * run.t**2
     assert np.abs(run.object_pose[before, -1] - heights[before]).max() < 1e-15
     assert abs(run.object_twist[after][0, 5] / (0.5 * 9.81 * fall) - 1) < 0.2  # within a step of the rebound
+
+
+@pytest.mark.slow
+def test_steps_under_python_functions(monkeypatch):
+    """A controller with memory and wrenches that are functions: the motion of the reference, and of a traced law."""
+    case = stored_cases("cases_contact.json")["contact_arm_strikes_wall"]
+    chain, state = case.chain(), case.state()
+    wall, p = chain.touching.world["wall"], state.object_frame.p
+    near = replace(wall, offset=wall.normal @ p - chain.touching.points["sphere"].radius - 1e-4)
+    chain = replace(chain, touching=replace(chain.touching, world={"wall": near}))
+
+    def torque(t, state, memory, given):
+        return -0.2 * state.qd + memory, 0.9 * memory + 0.01 * state.q
+
+    def controller(t, state, memory):
+        return torque(t, state, np.zeros(1) if memory is None else memory, None)
+
+    law, push = hf.ControlLaw(torque, memory=np.zeros(1)), lambda t: hf.Inputs(object_wrench=t * np.arange(6.0))
+    of, how = (chain, state), {"inputs": push, "contacts": "steps"}
+    true = hf.simulate(*of, controller, 0.04, 1e-3, **how)
+    monkeypatch.setattr(ImpulseStepper, "advance", None)
+    called, traced = (hf.simulate(*of, one, 0.06, 1e-3, **how) for one in (controller, law))
+    for name in ("q", "touch_force", "work"):
+        np.testing.assert_allclose(getattr(called, name), getattr(traced, name), rtol=1e-12, atol=1e-15, err_msg=name)
+        assert np.abs(getattr(called, name)[: len(true)] - getattr(true, name)).max() < 1e-9, name
+    assert called.touch_force.any()

@@ -294,10 +294,11 @@ def bases_move(environment: Environment) -> bool:
 
 def unsteady(given: GivenInputs) -> bool:
     """Return whether the inputs contain base motions, or depend on time or state."""
-    return not isinstance(given, Inputs) or _move_bases(given)
+    return not isinstance(given, Inputs) or move_bases(given)
 
 
-def _move_bases(given: Inputs) -> bool:
+def move_bases(given: Inputs) -> bool:
+    """Return whether inputs contain motions of bases."""
     return any(getattr(given, name) is not None for name in MOVING_BASES)
 
 
@@ -328,14 +329,14 @@ def stepper_for(
         CompileError: the law cannot be traced.
     """
     few = steps * (COST_OF_VERIFICATION if len(Signals(environment.chain).limited) else 1) < STEPS_WORTH_COMPILING
-    acting = _acting_at_first(environment)
+    acting = acting_at_first(environment)
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
     chain = environment.chain
     if chain.touching is not None or (few and not scheme.adaptive):
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
     law, values = law_of(controller, chain), getattr(controller, "values", {})
     motions, constant = environment.base_motion.values(), isinstance(environment.inputs, Inputs)
-    traceable = not _move_bases(acting) and all(getattr(motion, "traceable", False) for motion in motions)
+    traceable = not move_bases(acting) and all(getattr(motion, "traceable", False) for motion in motions)
     if traceable and (not scheme.adaptive or steps >= ADAPTIVE_WORTH_COMPILING):
         if law is not None and constant:
             return FusedStepper.of(environment, law, scheme, generic_rank, values, tolerance)
@@ -346,7 +347,7 @@ def stepper_for(
     return StagewiseStepper(environment, controller, generic_rank, scheme, tolerance, law)
 
 
-def _acting_at_first(environment: Environment) -> Inputs:
+def acting_at_first(environment: Environment) -> Inputs:
     """Return the inputs at t = 0; empty if they depend on the state, because then any wrench is supported."""
     given = environment.inputs
     if isinstance(given, Inputs):

@@ -15,37 +15,27 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.structure import Options
-from holdfast.compiler.program import Shape
-from holdfast.control.controller import ControlLaw, Controller, torques_and_memory
-from holdfast.errors import HoldfastError, StateError
-from holdfast.model import checks
+from holdfast.control.controller import ControlLaw, Controller
+from holdfast.errors import HoldfastError
 from holdfast.questions.arrays import state_of
-from holdfast.simulation.environment import Environment, inputs_at, require_wrenches
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.interpolant import quadratic
 from holdfast.simulation.rollout.between_steps import ACCOUNTS
+from holdfast.simulation.rollout.called_functions import CalledFunctions, StageByStage, varying
 from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, options_for, systems_at
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import refuse
-from holdfast.simulation.rollout.stage_values import (
-    ASKED,
-    VALUES,
-    acting_on,
-    asked_states,
-    with_stage_values,
-    wrench_arrays,
-)
+from holdfast.simulation.rollout.stage_values import VALUES, with_stage_values, wrench_arrays
 from holdfast.simulation.rollout.successive_steps import CarriedArrays, Driven
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import State
 
 LONGEST_AHEAD = 0.25  # s that the functions may take for steps together, so that progress is shown
 OF_LAW = f"control.{VALUES}"  # name of the values in machine code
-# functions of time [s] and state, or before these of the memory, that return the values and the memory
-Ask = Callable[[float, State], tuple[Array, Any]]
+# function of memory, time [s] and state that returns the values and the memory
 AskWithMemory = Callable[[Any, float, State], tuple[Array, Any]]
 
 
@@ -97,7 +87,8 @@ class PythonLawStepper(FusedStepper):
         try:
             start = self._asking.numbers_of({name: x[:1] for name, x in systems.items()})
             first = self._first(now)
-            values, memory = self._asking.values(start, now.t, ends[-1], first, partial(self._ask, now.memory))
+            ask = partial(self._functions.ask, now.memory)
+            values, memory = self._asking.values(start, now.t, ends[-1], first, ask)
         except HoldfastError as cause:
             return [Advance(end, None, NO_GAPS, np.zeros(4), failure=cause) for end in ends]
         given = {OF_LAW: _at_points(values, first, np.array(ends) - now.t, self.scheme)}
@@ -117,105 +108,38 @@ class PythonLawStepper(FusedStepper):
             refuse(at)
         kept = []
         for row, t in enumerate(times):
-            values[row], later = self._ask(memory, t, state_of(at, row))
+            values[row], later = self._functions.ask(memory, t, state_of(at, row))
             kept.append(later)
         return given, kept
 
     def _driven(self, now: Instant, times: Array) -> Driven:
-        traced, first = self.controller is None, self._first(now)
-        return _CalledAhead(self._asking, self._ask, self.scheme, times, first, None if traced else now.memory, traced)
+        ask, first, traced = self._functions.ask, self._first(now), self.controller is None
+        return _CalledAhead(self._asking, ask, self.scheme, times, first, None if traced else now.memory, traced)
 
     def _first(self, now: Instant) -> Array:
         """Return the values at an instant; inputs that are not used are not asked for, for that would evaluate it."""
-        return self._values(now.tau, now.inputs if self._varying else self._acting)
-
-    def _ask(self, memory: Any, t: float, state: State) -> tuple[Array, Any]:
-        """Return the values at a time and state, and the memory of the controller.
-
-        Raises:
-            StateError: torques or wrenches have a wrong shape, or are not finite; the wrenches contain base motions.
-        """
-        acting = self._wrenches(t, state) if self._varying else self._acting
-        if self.controller is None:
-            return self._values(np.zeros(0), acting), memory
-        tau, kept = torques_and_memory(self.controller(t, state, memory))
-        return self._values(checks.numbers(tau, (len(state.q),), "controller: torques", StateError), acting), kept
-
-    def _values(self, tau: Array, acting: Inputs) -> Array:
-        """Return the values for torques and wrenches, of which only those that are not known otherwise are used."""
-        torques = [] if self.controller is None else [tau]
-        return np.concatenate([*torques, *(x.ravel() for x in wrench_arrays(self._varying, acting).values())])
-
-    @cached_property
-    def _varying(self) -> Mapping[str, Shape]:
-        """The shapes of the external wrenches that are among the values."""
-        return varying(self.environment, self.kernel.structure.options)
-
-    def _wrenches(self, t: float, state: State) -> Inputs:
-        """Return the external wrenches at a time and state."""
-        found = inputs_at(self.environment.inputs, self.environment.of_state, t, state)
-        require_wrenches(found, "of a function that gave none at t = 0")
-        return found.shaped(self.environment.chain)
+        return self._functions.values(now.tau, now.inputs if self._functions.varying else self._acting)
 
     def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return what a run records besides the motion; see `Accounting`."""
-        if not self._varying:
+        functions = self._functions
+        if not functions.varying:
             return super().accounts(t, arrays)
         systems = systems_at(self.kernel, arrays)
         found = [
-            wrench_arrays(self._varying, self._wrenches(at, state_of(systems, row)))
+            wrench_arrays(functions.varying, functions.wrenches(at, state_of(systems, row)))
             for row, at in enumerate(t.tolist())
         ]
         acting = {name: np.array([one[name] for one in found]) for name in found[0]}
         return self.kernel.ask(ACCOUNTS, systems, self._inputs(t, np.array(0.0), True) | acting, {})
 
     @cached_property
+    def _functions(self) -> CalledFunctions:
+        return CalledFunctions(self.environment, self.controller, self.kernel.structure.options)
+
+    @cached_property
     def _asking(self) -> StageByStage:
-        return StageByStage(self.kernel, self.scheme, self._given)
-
-
-def varying(environment: Environment, options: Options) -> Mapping[str, Shape]:
-    """Return the shapes of the external wrenches that are a function, by name."""
-    return acting_on(environment.chain, options) if callable(environment.inputs) else {}
-
-
-class StageByStage:
-    """Asks functions for the values at the stages of a step, one after another."""
-
-    def __init__(self, kernel: StepKernel, scheme: Tableau, given: dict[str, Array]) -> None:
-        self._arrays, self._nodes = CarriedArrays(kernel, 1, 1), scheme.c[1:].tolist()
-        self._arrays.prepare({**given, "held": np.array(0.0)}, np.zeros(1), np.zeros((1, 1)))
-        self._states = asked_states(kernel.chain, self._arrays.arrays[ASKED])
-        self._numbers, self._values = self._arrays.arrays[ASKED][0, 0], self._arrays.values[0, 0]
-
-    def numbers_of(self, system: Systems) -> Array:
-        """Return the numbers of one system, (size,)."""
-        return self._arrays.of_system(system)
-
-    def values(self, start: Array, begin: float, end: float, first: Array, ask: Ask) -> tuple[Array, Any]:
-        """Return the values (stages, size) at the later stages and at the step's end, and the memory from there.
-
-        Args:
-            start: (size,) the numbers of the system at the step's start.
-            begin: the step's start [s].
-            end: its end [s].
-            first: (size,) the values at its start.
-            ask: returns values and memory at a time and state.
-
-        Raises:
-            StateError: a stage is not finite, or what `ask` raises.
-        """
-        length, memory = end - begin, None
-        self._arrays.set_step(begin, length)
-        self._values[...] = first
-        times = [*(begin + node * length for node in self._nodes), end]
-        for i, t in enumerate(times):
-            self._arrays.block[0, 0] = start
-            self._arrays.run(0)
-            if not np.isfinite(self._numbers[i]).all():
-                raise StateError("the step overflows float64; try a smaller time step")
-            self._values[i:], memory = ask(t, state_of(self._states, (0, 0, i)))
-        return self._values.copy(), memory
+        return StageByStage(self.kernel, self.scheme.c[1:].tolist(), self._given)
 
 
 class _CalledAhead:

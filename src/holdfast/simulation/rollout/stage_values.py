@@ -18,6 +18,7 @@ from holdfast.compiler.program import Shape
 from holdfast.control.controller import ControlLaw
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import ARRAYS, shapes, state_fields
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, step_of
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
@@ -88,8 +89,8 @@ def _split(parts: Mapping[str, Shape], flat: Array) -> dict[str, Array]:
 class SystemWithStageValues(TracedSystem):
     """One system during the tracing of a step with given values at its stages."""
 
-    def __init__(self, model: StepModel, given: Mapping[str, Any]) -> None:
-        super().__init__(model, given)
+    def __init__(self, model: StepModel, given: Mapping[str, Any], environment: Environment | None = None) -> None:
+        super().__init__(model, given, environment)
         self.asked: list[State] = []
         self._taken = acting_on(self.real, model.structure.options)
         self._torques = self.real.joint_count if isinstance(model.law.torque, GivenTorques) else 0
@@ -112,11 +113,13 @@ class SystemWithStageValues(TracedSystem):
     def _row(self) -> Array:
         return self.given[f"control.{VALUES}"][len(self.asked) - 1]
 
+    def step(self, tableau: Tableau) -> dict[str, Any]:
+        """Return the carried arrays after a step, and the states at which the functions are to be called."""
+        found, fields = step_of(self, tableau), state_fields(self.real).values()
+        asked = [concatenate([getattr(state, field) for field in fields]) for state in self.asked]
+        return {**found, f"last.{ASKED}": array(asked)}
+
 
 def step(model: StepModel, tableau: Tableau, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the carried arrays after a step, and the states at which the functions are to be called."""
-    system = SystemWithStageValues(model, given)
-    found = step_of(system, tableau)
-    fields = state_fields(system.real).values()
-    found[f"last.{ASKED}"] = array([concatenate([getattr(state, field) for field in fields]) for state in system.asked])
-    return found
+    return SystemWithStageValues(model, given).step(tableau)

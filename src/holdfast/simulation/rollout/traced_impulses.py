@@ -23,6 +23,7 @@ from holdfast.questions.arrays import state_fields
 from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.impulse_step import ImpulseProblem, impulse_step
+from holdfast.simulation.rollout.stage_values import SystemWithStageValues
 from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, step_of
 from holdfast.simulation.rollout.user_functions import checked_motion
 from holdfast.simulation.runge_kutta import Tableau
@@ -104,6 +105,12 @@ class TouchingSystem(TracedSystem):
         return StepResult(later, [found.drift, found.gaps], found.work, [])
 
 
+class TouchingSystemWithStageValues(TouchingSystem, SystemWithStageValues):
+    """The same with given torques and wrenches: in both passes, and at the step's end."""
+
+
 def step(model: StepModel, tableau: Tableau, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the carried arrays of a system after a step with impulses; a system that stops keeps its last state."""
+    if model.structure.options.stages:
+        return TouchingSystemWithStageValues(model, given).step(tableau)
     return step_of(TouchingSystem(model, given), tableau)
