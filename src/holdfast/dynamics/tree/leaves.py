@@ -113,7 +113,8 @@ def measure_leaves(
     passing, frames = Passing(now.X, P, first, now.N, now.kept, now.weakest, x, load), dict(now.frames)
     r = [[right_hand_side(leaf, *given_to(side, leaf)) for side in sides] for leaf in (*summed, *ending, *others)]
     seen = [_with_columns(leaf.seen, now.width) for leaf in (*summed, *ending)]
-    loop = scan if of.apart else _in_turn
+    # one leaf finds zeros in the mobility of the free body alone, which a loop would not see
+    loop = scan if of.apart and len(summed) > 1 else _in_turn
     passing, sums = loop(by_sum, passing, seen[: len(summed)], r[: len(summed)])
     rows, end, ends, closed, closes = [], [], [None for _ in sides], None, [None for _ in sides]
     if others:
