@@ -23,7 +23,7 @@ from holdfast.control.traced_law import law_outputs
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
-from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Gap, after_step, largest_gaps
+from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Gap, after_step
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, state_fields
@@ -274,9 +274,11 @@ class TracedSystem:
         if isinstance(request, StageRequest):
             return self.at_stage(request, at, self.last("memory"))
         chain, inputs = self.environment.at(t, at)
-        closed = after_step(chain, at, inputs, self.held)
-        end = State(**{field: select(still, getattr(at, field), getattr(closed, field)) for field in fields.values()})
-        return end, [largest_gaps(chain, one, inputs) for one in (at, end)]
+        found = after_step(chain, at, inputs, self.held)
+        ends = {name: (getattr(at, name), getattr(found.state, name)) for name in fields.values()}
+        end = State(**{name: select(still, *both) for name, both in ends.items()})
+        gaps = zip(found.before, found.after, strict=True)
+        return end, [found.before, Gap(*(where(still, before, after) for before, after in gaps))]
 
 
 def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
