@@ -10,6 +10,7 @@ computed by the same object filter in O(n) + O(l). A position mismatch is remove
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -126,14 +127,22 @@ class StepEnd(NamedTuple):
     Attributes:
         state: the state.
         before, after: the gaps before the projection, and after it.
+        motion: the chain's motion there, without torques.
     """
 
     state: State
     before: Gap
     after: Gap
+    motion: ChainMotion
 
 
-def after_step(chain: ClosedChain, state: State, inputs: Inputs, held: Array | None = None) -> StepEnd:
+def after_step(
+    chain: ClosedChain,
+    state: State,
+    inputs: Inputs,
+    held: Array | None = None,
+    going_on: Callable[[State, State], State] = lambda _, found: found,
+) -> StepEnd:
     """Return a step's end projected onto the position and velocity constraints.
 
     Two of the iterations of `project` correct the positions, which closes a valid step up to rounding; then the
@@ -144,16 +153,18 @@ def after_step(chain: ClosedChain, state: State, inputs: Inputs, held: Array | N
         state: the state at the end of an integrator's step.
         inputs: shaped inputs, of which only the base motion matters.
         held: mask of the constraint rows that the step imposes, see `held_rows`; None for all.
+        going_on: function of the states before and after a projection that returns the one to go on with.
     """
-    none, gaps = np.zeros(chain.joint_count), []
+    start, none, gaps = state, np.zeros(chain.joint_count), []
     for _ in range(STEP_ROUNDS):
         motion = chain_motion(chain, state, none, inputs)
         gaps.append(largest_gaps(chain, state, inputs, motion))
         state = closer(holding(motion, held, positions=True), state, position_mismatch(motion, state))
+    state = going_on(start, state)
     motion = chain_motion(chain, state, none, inputs)
-    end = project_velocities(holding(motion, held), state)
+    end = going_on(state, project_velocities(holding(motion, held), state))
     motion = chain_motion(chain, end, none, inputs, motion)
-    return StepEnd(end, gaps[0], largest_gaps(chain, end, inputs, motion))
+    return StepEnd(end, gaps[0], largest_gaps(chain, end, inputs, motion), motion)
 
 
 def closer(motion: ChainMotion, state: State, gaps: list[Array]) -> State:

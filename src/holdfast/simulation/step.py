@@ -181,7 +181,7 @@ def back_on_constraint(
     """
     chain, inputs = environment.at(t, state)
     given = inputs.shaped(chain)
-    closed, before, after = after_step(chain, state, given, held)
+    closed, before, after, _ = after_step(chain, state, given, held)
 
     def open_by(at: State) -> float:
         return largest_position(chain_at_rest(chain, at), at)
