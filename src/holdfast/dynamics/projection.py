@@ -141,7 +141,7 @@ def after_step(
     state: State,
     inputs: Inputs,
     held: Array | None = None,
-    going_on: Callable[[State, State], State] = lambda _, found: found,
+    going_on: Callable[[State, State], State] | None = None,
 ) -> StepEnd:
     """Return a step's end projected onto the position and velocity constraints.
 
@@ -153,16 +153,18 @@ def after_step(
         state: the state at the end of an integrator's step.
         inputs: shaped inputs, of which only the base motion matters.
         held: mask of the constraint rows that the step imposes, see `held_rows`; None for all.
-        going_on: function of the states before and after a projection that returns the one to go on with.
+        going_on: function of the states before and after a projection that returns the one to go on with; None: that
+            after it.
     """
     start, none, gaps = state, np.zeros(chain.joint_count), []
     for _ in range(STEP_ROUNDS):
         motion = chain_motion(chain, state, none, inputs)
         gaps.append(largest_gaps(chain, state, inputs, motion))
         state = closer(holding(motion, held, positions=True), state, position_mismatch(motion, state))
-    state = going_on(start, state)
+    state = state if going_on is None else going_on(start, state)
     motion = chain_motion(chain, state, none, inputs)
-    end = going_on(state, project_velocities(holding(motion, held), state))
+    end = project_velocities(holding(motion, held), state)
+    end = end if going_on is None else going_on(state, end)
     motion = chain_motion(chain, end, none, inputs, motion)
     return StepEnd(end, gaps[0], largest_gaps(chain, end, inputs, motion), motion)
 
