@@ -67,11 +67,17 @@ class CountingGraph(Graph):
         self.branches = 0
 
     def new(self, kind: str, args: tuple[Node, ...], value: float) -> Node:
-        """Return a node not there yet, evaluated."""
-        if args:
-            value = EVALUATED[kind](*(a.value for a in args))
+        """Add a node to the graph and return it."""
         node = Evaluated(self, len(self.nodes), kind, args, value)
         self.nodes.append(node)
+        return node
+
+    def make(self, kind: str, *args: Node | float) -> Node:
+        """Return the node of an operation, evaluated."""
+        node = super().make(kind, *args)
+        if not isinstance(node, Evaluated):
+            node.__class__ = Evaluated
+            node.value = EVALUATED[kind](*(a.value for a in node.args))
         return node
 
     def array(self, values: np.ndarray) -> np.ndarray:

@@ -130,7 +130,7 @@ def test_functions_of_the_reference(seed):
             x: np.array([getattr(link, x) for link in holdfast.dynamics.link_poses(arm, q)]) for x in "Rp"
         },
     }
-    closed = after_step(chain, s, p.inputs.shaped(chain))
+    closed = after_step(chain, s, p.inputs.shaped(chain)).state
     expected = {
         "momentum": holdfast.dynamics.momentum(chain, s, about, p.inputs),
         "centre_of_mass": holdfast.dynamics.centre_of_mass(chain, s),

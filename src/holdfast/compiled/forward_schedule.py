@@ -167,6 +167,7 @@ def solve_with_status(
     held: Array | None = None,
     choose: bool = False,
     cotangents: Given | None = None,
+    there: ChainMotion | None = None,
 ) -> SolutionWithStatus:
     """Return forward dynamics by `sequential`, and its status.
 
@@ -180,8 +181,9 @@ def solve_with_status(
         held: which components of the grasps may be held; None for all.
         choose: whether to hold only the components with the largest pivots, as many as the generic rank.
         cotangents: the cotangents of a later gradient, so that both solves share one pass of the filter.
+        there: a motion at the same positions, if one is known; see `chain_motion`.
     """
-    motion = holding(chain_motion(chain, state, tau, inputs), held)
+    motion = holding(chain_motion(chain, state, tau, inputs, there), held)
     if choose:
         motion = replace(motion, generic_rank=generic_rank[()])
     second = None if cotangents is None else known_beforehand(motion, cotangents)

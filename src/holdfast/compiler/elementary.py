@@ -1,8 +1,8 @@
 """Elementary functions in operations that every machine rounds the same, so that their bits are defined.
 
 Sine and cosine: x = n pi/2 + r with |r| <= pi/4, where pi/2 is the sum of three doubles (Cody and Waite) and r the sum
-of two. For |x| <= 1e5 the error of r is below 2^-140, and no double there is closer to a multiple of pi/2 than 2^-60.
-Then sin r and cos r are polynomials; n mod 4 selects one of them and the sign.
+of two. For |x| <= 1e5 the error of r is below 2^-128, and no double there is closer to a multiple of pi/2 than 2^-60.
+Then sin r and cos r are polynomials, which are multiplied by sine and cosine of n pi/2: 0, 1 or -1, one of them 0.
 
 Exponential and hyperbolic tangent: x = n log 2 + r with |r| <= log(2)/2, where log 2 is the sum of two doubles;
 e^r - 1 is the Taylor series; then the result is multiplied by 2^n exactly, one factor per bit of n.
@@ -24,8 +24,9 @@ _Value = Any  # a node; functions of one argument share its reduction, because e
 LARGEST_ARGUMENT = 1e5  # [rad]: as far as machine code takes angles
 
 _TWO_OVER_PI = 0.6366197723675814
-# pi/2 to 160 bits: each part is the double nearest to the remainder of the parts before it.
-_HALF_PI = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)
+_HALF_PI = (1.5707963267948966, 6.123233995736766e-17)
+# pi/2 to 145 bits. The second part has 37, so that its products with |n| < 2^16 are exact.
+_QUARTER_TURN = (_HALF_PI[0], 6.123233995707727e-17, 2.9038559739793605e-28)
 _ROUNDER = 1.5 * 2.0**52  # adding and subtracting it rounds x to an integer if |x| < 2^51
 
 # Coefficients of (sin r / r - 1) / z and (cos r - 1 + z/2) / z^2 with z = r^2, interpolated at Chebyshev points of
@@ -50,49 +51,43 @@ _COSINE = (
 
 def sin(x: _Value) -> _Value:
     """Return the sine of x [rad]; NaN beyond 1e5 rad rather than a wrong value."""
-    r, rest, quadrant = _less_quarter_turns(x)
-    odd = abs(abs(quadrant - 2.0) - 1.0) < 0.5  # 1, 3
-    value = odd.where(_cosine(r, rest), _sine(r, rest))
-    return (quadrant > 1.5).where(-value, value)
+    sine, cosine, of_r = _less_quarter_turns(x)
+    return sine.fma(_cosine(*of_r), cosine * _sine(*of_r))
 
 
 def cos(x: _Value) -> _Value:
     """Return the cosine of x [rad]; NaN beyond 1e5 rad rather than a wrong value."""
-    r, rest, quadrant = _less_quarter_turns(x)
-    odd = abs(abs(quadrant - 2.0) - 1.0) < 0.5
-    value = odd.where(_sine(r, rest), _cosine(r, rest))
-    return (abs(quadrant - 1.5) < 1.0).where(-value, value)  # 1, 2
+    sine, cosine, of_r = _less_quarter_turns(x)
+    return cosine.fma(_cosine(*of_r), -(sine * _sine(*of_r)))
 
 
-def _less_quarter_turns(x: _Value) -> tuple[_Value, _Value, _Value]:
-    """Return r, the correction to add to r, and n mod 4."""
+def _less_quarter_turns(x: _Value) -> tuple[_Value, _Value, tuple[_Value, _Value]]:
+    """Return sine and cosine of n pi/2, and r with the correction to add to it."""
     n = x.fma(_TWO_OVER_PI, _ROUNDER) - _ROUNDER
-    first = n.fma(-_HALF_PI[0], x)  # exact, because it is a multiple of 2^-53 (for |x| > pi/4) below 1
-    # first - n _HALF_PI[1] is split into r + rest: the product and its rounding error, then Fast2Sum, which is exact
+    first = n.fma(-_QUARTER_TURN[0], x)  # exact, because it is a multiple of 2^-53 (for |x| > pi/4) below 1
+    # first - n _QUARTER_TURN[1] is split into r + rest by Fast2Sum: the product is exact, and so are these differences,
     # because `first` is a multiple of the product's last bit.
-    product = n * _HALF_PI[1]
-    product_error = n.fma(_HALF_PI[1], -product)
-    r = first - product
-    rest = (first - r) - product
-    rest = n.fma(-_HALF_PI[2], rest - product_error)
-    quarter = n.fma(0.25, -0.375) + _ROUNDER - _ROUNDER  # floor(n / 4)
-    quadrant = quarter.fma(-4.0, n)
-    return (abs(x) <= LARGEST_ARGUMENT).where(r, math.nan), rest, quadrant
+    r = n.fma(-_QUARTER_TURN[1], first)
+    rest = n.fma(-_QUARTER_TURN[1], first - r)
+    rest = n.fma(-_QUARTER_TURN[2], rest)
+    turns = (n.fma(0.25, _ROUNDER) - _ROUNDER).fma(-4.0, n)  # of a quarter: -2, -1, 0, 1 or 2
+    cosine = 1.0 - abs(turns)
+    return turns.fma(cosine, turns), cosine, ((abs(x) <= LARGEST_ARGUMENT).where(r, math.nan), rest)
 
 
 def _sine(r: _Value, rest: _Value) -> _Value:
     """Return sin(r + rest) = r + (r^3 S(z) + rest cos r)."""
     z = r * r
-    half = z.fma(-0.5, 1.0)  # cos r, accurate enough for the small factor `rest`
-    return r + (z * r).fma(_polynomial(_SINE, z), rest * half)
+    whole = z.fma(-0.5, 1.0)  # cos r, accurate enough for the small factor `rest`
+    return r + (z * r).fma(_polynomial(_SINE, z), rest * whole)
 
 
 def _cosine(r: _Value, rest: _Value) -> _Value:
     """Return cos(r + rest) = 1 - z/2 + (z^2 C(z) - r rest), corrected for the rounding of 1 - z/2."""
     z = r * r
-    half = 0.5 * z
-    whole = 1.0 - half
-    return whole + (((1.0 - whole) - half) + (z * z).fma(_polynomial(_COSINE, z), -(r * rest)))
+    whole = z.fma(-0.5, 1.0)
+    missing = z.fma(-0.5, 1.0 - whole)
+    return whole + (z * z).fma(_polynomial(_COSINE, z), r.fma(-rest, missing))
 
 
 _LOG_2 = (0.6931471805599453, 2.3190468138462996e-17)  # log 2 rounded to a double, and the remainder

@@ -10,13 +10,14 @@ computed by the same object filter in O(n) + O(l). A position mismatch is remove
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmMotion, at_rest
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
@@ -120,7 +121,28 @@ class Gap(NamedTuple):
     velocity: Scalar
 
 
-def after_step(chain: ClosedChain, state: State, inputs: Inputs, held: Array | None = None) -> State:
+class StepEnd(NamedTuple):
+    """A step's end on the grasps.
+
+    Attributes:
+        state: the state.
+        before, after: the gaps before the projection, and after it.
+        motion: the chain's motion there, without torques.
+    """
+
+    state: State
+    before: Gap
+    after: Gap
+    motion: ChainMotion
+
+
+def after_step(
+    chain: ClosedChain,
+    state: State,
+    inputs: Inputs,
+    held: Array | None = None,
+    going_on: Callable[[State, State], State] | None = None,
+) -> StepEnd:
     """Return a step's end projected onto the position and velocity constraints.
 
     Two of the iterations of `project` correct the positions, which closes a valid step up to rounding; then the
@@ -131,12 +153,20 @@ def after_step(chain: ClosedChain, state: State, inputs: Inputs, held: Array | N
         state: the state at the end of an integrator's step.
         inputs: shaped inputs, of which only the base motion matters.
         held: mask of the constraint rows that the step imposes, see `held_rows`; None for all.
+        going_on: function of the states before and after a projection that returns the one to go on with; None: that
+            after it.
     """
+    start, none, gaps = state, np.zeros(chain.joint_count), []
     for _ in range(STEP_ROUNDS):
-        motion = holding(chain_at_rest(chain, state), held, positions=True)
-        state = closer(motion, state, position_mismatch(motion, state))
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
-    return project_velocities(holding(motion, held), state)
+        motion = chain_motion(chain, state, none, inputs)
+        gaps.append(largest_gaps(chain, state, inputs, motion))
+        state = closer(holding(motion, held, positions=True), state, position_mismatch(motion, state))
+    state = state if going_on is None else going_on(start, state)
+    motion = chain_motion(chain, state, none, inputs)
+    end = project_velocities(holding(motion, held), state)
+    end = end if going_on is None else going_on(state, end)
+    motion = chain_motion(chain, end, none, inputs, motion)
+    return StepEnd(end, gaps[0], largest_gaps(chain, end, inputs, motion), motion)
 
 
 def closer(motion: ChainMotion, state: State, gaps: list[Array]) -> State:
@@ -151,15 +181,17 @@ def closer(motion: ChainMotion, state: State, gaps: list[Array]) -> State:
     return displaced_by(state, change)
 
 
-def largest_gaps(chain: ClosedChain, state: State, inputs: Inputs) -> Gap:
+def largest_gaps(chain: ClosedChain, state: State, inputs: Inputs, motion: ChainMotion | None = None) -> Gap:
     """Return the largest gaps of any grasp; 0 without grasps.
 
     Args:
         chain: the chain.
         state: any state.
         inputs: shaped inputs, of which only the base motion matters.
+        motion: the chain's motion at that state, if it is known.
     """
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
+    if motion is None:
+        motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
     shifts = position_mismatch(motion, state)
     found = each(
         lambda c, shift, hidden: (
@@ -247,7 +279,7 @@ _OF_CLOSED = "closed."  # the prefix of the names of a projected state's arrays
 
 
 def _projected(case: VariedCase) -> tuple[Array, ...]:
-    found = after_step(case.chain, case.state, case.inputs)
+    found = after_step(case.chain, case.state, case.inputs).state
     return tuple(getattr(found, field) for field in state_fields(case.chain).values())
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.consistency import largest_position
-from holdfast.dynamics.projection import LEFT_OPEN, STEP_ROUNDS, WIDEST_GAP, after_step, largest_gaps
+from holdfast.dynamics.projection import LEFT_OPEN, STEP_ROUNDS, WIDEST_GAP, after_step
 from holdfast.dynamics.rank import held_near
 from holdfast.errors import ClosureError, StateError
 from holdfast.simulation.environment import Environment
@@ -181,7 +181,7 @@ def back_on_constraint(
     """
     chain, inputs = environment.at(t, state)
     given = inputs.shaped(chain)
-    before = largest_gaps(chain, state, given)
+    closed, before, after, _ = after_step(chain, state, given, held)
 
     def open_by(at: State) -> float:
         return largest_position(chain_at_rest(chain, at), at)
@@ -191,8 +191,6 @@ def back_on_constraint(
             f"the grasps are open by {open_by(state):.3g} (m or rad), expected a step's rounding; try a smaller time"
             " step"
         )
-    closed = after_step(chain, state, given, held)
-    after = largest_gaps(chain, closed, given)
     if after.position > LEFT_OPEN:
         raise ClosureError(
             f"the grasps stay open by {open_by(closed):.3g} (m or rad): {STEP_ROUNDS} rounds of Newton's method do not"

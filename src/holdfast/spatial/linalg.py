@@ -222,6 +222,21 @@ def cholesky(S: Array, lost: Array | None = None) -> Array:
     return array(columns).reshape(n, n).T
 
 
+def root_free_cholesky(S: Array) -> tuple[Array, Array]:
+    """Return L, lower triangular with ones on its diagonal, and D, (n,), with L diag(D) L^T = S.
+
+    Args:
+        S: (n, n) symmetric positive definite, which is not checked.
+    """
+    n, rest, columns, pivots = len(S), S, [], []
+    for j in range(n):
+        pivots.append(rest[0, 0])
+        below = rest[1:, 0] * reciprocal(rest[0, 0])
+        columns.append(concatenate([np.zeros(j), [1.0], below]))
+        rest = rest[1:, 1:] - outer(below, rest[1:, 0])
+    return array(columns).reshape(n, n).T, array(pivots)
+
+
 def forward_substitution(L: Array, b: Array) -> Array:
     """Return L^-1 b for a lower triangular L; b is (n,) or (n, m)."""
     rows = []

@@ -87,10 +87,15 @@ class ArmMotion:
         return self.at.from_base
 
 
-def arm_motion(given: ArmInputs) -> ArmMotion:
-    """Return the motion of one arm: configuration, twists and bias. Outward sweeps, O(N)."""
+def arm_motion(given: ArmInputs, at: Kinematics | None = None) -> ArmMotion:
+    """Return the motion of one arm: configuration, twists and bias. Outward sweeps, O(N).
+
+    Args:
+        given: the arm and its inputs.
+        at: its configuration, if it is known.
+    """
     arm = given.arm
-    at = forward_kinematics(arm, given.q)
+    at = forward_kinematics(arm, given.q) if at is None else at
     twists = link_twists(arm, at, given.qd, given.base_twist)
     b = bias_sweep.bias(arm, at, twists, given.qd, given.base_twist, given.base_acceleration, given.link_wrenches)
     passive_torque = arm.damping * given.qd + arm.stiffness * (given.q - arm.rest)

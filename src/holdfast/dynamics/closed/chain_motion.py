@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resting
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.force_elements import deflection, with_force_elements
@@ -125,7 +125,9 @@ def needed_wrench(motion: ChainMotion, alpha: Array) -> Array:
     return body.inertia.apply(alpha - pseudo_gravity(motion.chain)) + body.bias - body.wrench
 
 
-def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> ChainMotion:
+def chain_motion(
+    chain: ClosedChain, state: State, tau: Array, inputs: Inputs, there: ChainMotion | None = None
+) -> ChainMotion:
     """Return the motion of every arm, of the grasps and of the object. O(n) + O(l).
 
     Args:
@@ -133,6 +135,7 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         state: positions and velocities, which are not checked for consistency.
         tau: (n,) joint torques.
         inputs: shaped inputs (`Inputs.shaped`).
+        there: a motion at the same positions, whose configurations of the arms are taken; None for none.
     """
     inputs = with_force_elements(chain, state, inputs)
     assert inputs.base_twists is not None and inputs.base_accelerations is not None
@@ -154,7 +157,8 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         columns = None if mount is None else mount.columns
         given.append(ArmInputs(on, *of_joints, twist, acceleration, links, columns))
     found = each(
-        lambda of_arm, grasp: arm_and_grasp(ArmCase(of_arm, grasp, frame, twist_of_object)),
+        lambda at, of_arm, grasp: arm_and_grasp(ArmCase(of_arm, grasp, frame, twist_of_object), at),
+        [None if there is None else there.arms[name].at for name in chain.arms],
         given,
         [chain.grasps.get(name) for name in chain.arms],
     )
@@ -180,9 +184,14 @@ def trunk_case(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> 
     return TrunkCase(trunk, base, state.q[part], state.qd[part], tau[part], twist, zeta, pushed, mounts)
 
 
-def arm_and_grasp(case: ArmCase) -> tuple[ArmMotion, Contact | None, ArmCase]:
-    """Return the motion of an arm, its contact (None without a grasp), and the arguments of its equations."""
-    motion = arm_motion(case.given)
+def arm_and_grasp(case: ArmCase, at: Kinematics | None = None) -> tuple[ArmMotion, Contact | None, ArmCase]:
+    """Return the motion of an arm, its contact (None without a grasp), and the arguments of its equations.
+
+    Args:
+        case: the arguments.
+        at: the arm's configuration, if it is known.
+    """
+    motion = arm_motion(case.given, at)
     if case.grasp is None:
         return motion, None, case
     held = contact(case.grasp, case.frame, case.twist, motion.at.tip, motion.tip_twist)

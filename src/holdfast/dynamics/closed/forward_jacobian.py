@@ -40,11 +40,11 @@ class ByWrench(NamedTuple):
     """The response of an arm to unit wrenches f of the arm on the object.
 
     Attributes:
-        qdd: (N, 6) joint accelerations.
+        slowing: (N, 6) M^-1 J^T, the negative joint accelerations.
         base: (6, 6) wrench of the base on the arm.
     """
 
-    qdd: Array
+    slowing: Array
     base: Array
 
 
@@ -83,19 +83,15 @@ def jacobian(
     whole = {name for name in by if name in OF_CHAIN or chain.trunk is not None or name in others}
     own = [name for name in by if name not in whole]
     rows = 6 * len(chain.grasps) + (6 if any(reaches_object(chain, name) for name in own) else 0)
-    unit_responses = each(lambda e: unit_response(at, e), units[:rows, : 6 * len(chain.grasps) + 6]) if own else []
-    tips = [at.tips[name] for name in chain.grasps]
-    by_wrench = each(unit_wrenches, tips, at.motion.holding) if own else []
-    grasps = {name: k for k, name in enumerate(chain.grasps)}
-    arms = tuple([(grasps.get(name), arm.joint_count) for name, arm in chain.arms.items()])
-    everyone = Everyone(at.motion.contacts, [tip.mobility for tip in tips], by_wrench, arms)
+    unit_responses = each(lambda e: unit_response(at, e), units[:rows, :rows]) if own else []
     responses = responses_by_joints(at, tuple([name for name in own if name in JOINT_ARGUMENTS]))
+    arms = affected_arms(at, responses) if own else {}
     found: dict[tuple[str, str], list[list[Array]]] = {(result, name): [] for name in by for result in of}
     for name in by:
         if name in whole:
             columns = [chain_columns(at, name, of, units, others.get(name, rates))]
         else:
-            columns = arm_columns(at, name, tuple(of), units, unit_responses, everyone, responses)
+            columns = arm_columns(at, name, tuple(of), units, unit_responses, arms, responses)
         for of_one in columns:
             for k, result in enumerate(of):
                 found[result, name].append([column[k] for column in of_one])
@@ -122,10 +118,10 @@ def units_needed(chain: ClosedChain, by: Sequence[str]) -> int:
     if chain.trunk is not None or chain.springs:
         shapes = gradient_shapes(chain)
         most = max(math.prod(shapes[name]) for name in by)
-        return most if chain.trunk is not None else max(most, 6 * len(chain.grasps) + 6, len(chain.arms))
+        return most if chain.trunk is not None else max(most, 6 * len(chain.grasps) + 6)
     counts = [arm.joint_count for arm in chain.arms.values()]
     sizes = [int(np.prod(arm_shape(name, N))) for name in by if name not in OF_CHAIN for N in counts]
-    return max([6 * len(chain.grasps) + 6, 9, len(counts), *sizes])
+    return max([6 * len(chain.grasps) + 6, 9, *sizes])
 
 
 def arm_shape(name: str, N: int) -> Shape:
@@ -141,10 +137,16 @@ def direction(unit: Array, name: str, shape: Shape) -> Array:
 
 
 def unit_response(at: Point, unit: Array) -> tuple[list[Array], Array]:
-    """Return the response of the chain at rest to one unit gap, or one unit component of a wrench on the object."""
+    """Return the response of the chain at rest to one unit gap, or one unit component of a wrench on the object.
+
+    Args:
+        at: the point.
+        unit: (6l,) for a gap only, or (6l + 6,).
+    """
     count = len(at.motion.contacts)
     assert at.found.factors is not None
-    return solved_again(at.found.factors, [unit[6 * i : 6 * i + 6] for i in range(count)], unit[6 * count :])
+    wrench = unit[6 * count :] if len(unit) > 6 * count else np.zeros(6)
+    return solved_again(at.found.factors, [unit[6 * i : 6 * i + 6] for i in range(count)], wrench)
 
 
 def unit_wrenches(tip: TipResponse, arm: ArmMotion) -> ByWrench:
@@ -152,7 +154,7 @@ def unit_wrenches(tip: TipResponse, arm: ArmMotion) -> ByWrench:
     assert tip.for_load is not None
     still = tip.for_load(driven(arm, np.zeros(arm.arm.joint_count), np.zeros(6)))
     columns = [still.back_substitute(unit) for unit in np.eye(6)]
-    return ByWrench(array([qdd for qdd, _ in columns]).T, array([base for _, base in columns]).T)
+    return ByWrench(-array([qdd for qdd, _ in columns]).T, array([base for _, base in columns]).T)
 
 
 def chain_columns(at: Point, name: str, of: Sequence[str], units: Array, rates: Rates) -> list[list[Array]]:
@@ -176,34 +178,50 @@ def in_each_column(at: Point, _: Mapping[str, Shape]) -> Callable[[Mapping[str, 
     return lambda tangents: forward(at, tangents)
 
 
-class Everyone(NamedTuple):
-    """The data of the arms with a grasp that all columns use.
+class AffectedArm(NamedTuple):
+    """The data of one arm that the columns of all arms use.
 
     Attributes:
-        contacts: the grasps.
-        mobilities: Lambda of their arms.
-        by_wrench: responses of their arms to unit wrenches.
-        rows: for each arm of the chain, in order, the index of its grasp (or None) and its number of joints.
+        joint_count: number of its joints.
+        contact: its grasp; None without one, and so are the others.
+        mobility: Lambda.
+        by_wrench: its response to unit wrenches.
     """
 
-    contacts: list[Contact]
-    mobilities: list[Symmetric6]
-    by_wrench: list[ByWrench]
-    rows: tuple[tuple[int | None, int], ...]
+    joint_count: int
+    contact: Contact | None = None
+    mobility: Symmetric6 | None = None
+    by_wrench: ByWrench | None = None
 
 
-class Own(NamedTuple):
-    """The data of one arm that its columns use.
+def affected_arms(at: Point, responses: Mapping[str, Mapping[str, list[SelfResponse]]]) -> dict[str, AffectedArm]:
+    """Return the data of all arms.
+
+    M^-1 J^T is the transpose of the tips' accelerations by torques, where these have been computed.
+    """
+    chain, motion = at.motion.chain, at.motion
+    tips = [at.tips[name] for name in chain.grasps]
+    by_wrench = each(unit_wrenches, tips, motion.holding)
+    arms = {name: AffectedArm(arm.joint_count) for name, arm in chain.arms.items()}
+    for name, c, tip, found in zip(chain.grasps, motion.contacts, tips, by_wrench, strict=True):
+        by_torque = responses.get(name, {}).get("tau")
+        if by_torque:
+            found = found._replace(slowing=array([one.closing for one in by_torque]))
+        arms[name] = AffectedArm(arms[name].joint_count, c, tip.mobility, found)
+    return arms
+
+
+class Affected(NamedTuple):
+    """An arm in the columns of one arm's argument.
 
     Attributes:
-        unit_responses: response of the chain at rest to unit gaps at this arm's grasp and to unit wrenches on the
-            object; None
-            without a grasp.
-        mask: per arm of the chain, 1 for this arm and 0 for the others; numbers, so that all columns run the same code.
+        arm: its data.
+        wrenches: (6, 6) or (6, 12) its wrenches for unit gaps at the grasp of the argument's arm and, if needed, for
+            unit wrenches on the object; None if one of the two has no grasp.
     """
 
-    unit_responses: UnitResponses | None
-    mask: Array
+    arm: AffectedArm
+    wrenches: Array | None
 
 
 def arm_columns(
@@ -212,7 +230,7 @@ def arm_columns(
     of: tuple[str, ...],
     units: Array,
     unit_responses: Sequence[tuple[list[Array], Array]],
-    everyone: Everyone,
+    affected: Mapping[str, AffectedArm],
     responses: Mapping[str, Mapping[str, list[SelfResponse]]],
 ) -> list[list[list[Array]]]:
     """Return the columns of an argument that belongs to single arms, arm by arm.
@@ -223,7 +241,7 @@ def arm_columns(
         of: names of the results.
         units: as in `jacobian`.
         unit_responses: responses of the chain at rest to all unit gaps and, if needed, to unit wrenches on the object.
-        everyone: the data that all columns use.
+        affected: the data of all arms.
         responses: self-responses that were computed for all joints of an arm at once, by arm and argument.
     """
     chain, motion, order = at.motion.chain, at.motion, list(at.motion.chain.arms)
@@ -235,19 +253,28 @@ def arm_columns(
     found = []
     for arm in arms:
         shape = arm_shape(name, chain.arms[arm].joint_count)
-        size, row, whole, c = int(np.prod(shape)), order.index(arm), None, None
+        size, alpha, c = int(np.prod(shape)), None, None
+        wrenches: dict[str, Array] = {}
         if arm in chain.grasps:
             g = grasps.index(arm)
             shared = [*unit_responses[6 * g : 6 * g + 6], *unit_responses[6 * len(grasps) :]]
-            wrenches = [array([f[i] for f, _ in shared]).T for i in range(len(grasps))]
-            whole, c = UnitResponses(wrenches, array([alpha for _, alpha in shared]).T), motion.contacts[g]
-        own = Own(whole, units[row, : len(order)])
+            wrenches = {one: array([f[i] for f, _ in shared]).T for i, one in enumerate(grasps)}
+            alpha, c = array([alpha for _, alpha in shared]).T, motion.contacts[g]
+        first = [arm, *(one for one in order if one != arm)]  # so that all columns run the same code
+        parts = tuple([Affected(affected[one], wrenches.get(one)) for one in first])
         if arm in residuals:
             one = ArmColumn(motion.cases[arm], residuals[arm], at.tips[arm], motion.arms[arm], c)
-            found.append(each(column_of(one, own, everyone, name, shape, of), units[:size, :size]))
+            columns = each(column_of(one, parts, alpha, name, shape, of), units[:size, :size])
         else:
-            found.append(each(lambda mine, own=own: results(own, everyone, mine, of), responses[arm][name]))
+            columns = each(lambda mine, parts=parts, alpha=alpha: results(parts, alpha, mine, of), responses[arm][name])
+        back = [first.index(one) for one in order]
+        found.append([[_in_order(part, back) for part in column] for column in columns])
     return found
+
+
+def _in_order(parts: list[Array], order: Sequence[int]) -> Array:
+    """Return a result's parts by arm in the given order, or its only part, as one array."""
+    return concatenate([parts[k] for k in order] if len(parts) > 1 else parts)
 
 
 class ArmColumn(NamedTuple):
@@ -269,59 +296,60 @@ class ArmColumn(NamedTuple):
 
 
 def column_of(
-    one: ArmColumn, own: Own, everyone: Everyone, name: str, shape: Shape, of: tuple[str, ...]
-) -> Callable[[Array], list[Array]]:
+    one: ArmColumn, parts: tuple[Affected, ...], alpha: Array | None, name: str, shape: Shape, of: tuple[str, ...]
+) -> Callable[[Array], list[list[Array]]]:
     """Return the function that computes the column for a direction of an arm's argument."""
 
-    def column(unit: Array) -> list[Array]:
+    def column(unit: Array) -> list[list[Array]]:
         given = arm_rates(one.case, {name: direction(unit, name, shape)})
         r = ArmUnknowns(*one.residual.rates(*given.values()))
-        return results(own, everyone, self_response(one.tip, one.motion, one.contact, r), of)
+        return results(parts, alpha, self_response(one.tip, one.motion, one.contact, r), of)
 
     return column
 
 
-def results(own: Own, everyone: Everyone, moved: SelfResponse, of: Sequence[str]) -> list[Array]:
-    """Return the rates of the results when dL/dy of one arm changes.
+def results(
+    parts: Sequence[Affected], alphas: Array | None, moved: SelfResponse, of: Sequence[str]
+) -> list[list[Array]]:
+    """Return the rates of the results when dL/dy of one arm changes, each by arm, that arm first.
 
     Every arm responds to the change at this arm's tip; the arm itself also responds directly, see `self_response`.
 
     Args:
-        own: data of the arm.
-        everyone: data of all arms.
+        parts: all arms, the one that changes first.
+        alphas: (6, 6) or (6, 12) accelerations of the object for the unit gaps and wrenches; None without a grasp.
         moved: the response of the arm itself.
         of: names of the results.
     """
-    alpha = none = np.zeros(6)
-    shares: list[Array] = [none] * len(everyone.contacts)
-    if own.unit_responses is not None:
-        given = concatenate([moved.closing, moved.on_object])[: own.unit_responses.object_acceleration.shape[1]]
-        alpha = own.unit_responses.object_acceleration @ given
-        shares = [f @ given for f in own.unit_responses.wrenches]
-    wrench_besides = moved.known + moved.bushing if len(moved.bushing) else moved.known
-    qdd, wrench, base = [], [], []
-    rates: dict[int, Array] = {}
-    for mine, (g, N) in zip(own.mask, everyone.rows, strict=True):
-        own_qdd = mine * moved.qdd if len(moved.qdd) == N else np.zeros(N)
-        if g is None:
+    none = np.zeros(6)
+    given = none if alphas is None else concatenate([moved.closing, moved.on_object])[: alphas.shape[1]]
+    alpha = none if alphas is None else alphas @ given
+    qdd, wrench, base, rates = [], [], [], []
+    for k, (arm, wrenches) in enumerate(parts):
+        f = none if wrenches is None else wrenches @ given
+        own_qdd, own_wrench, own_base, closing = np.zeros(arm.joint_count), none, none, none
+        if k == 0:
+            own_qdd, own_base, closing = moved.qdd, moved.base, moved.closing
+            own_wrench = moved.known + moved.bushing if len(moved.bushing) else moved.known
+        c, by = arm.contact, arm.by_wrench
+        if c is None or by is None or arm.mobility is None:
             qdd.append(own_qdd)
             wrench.append(none)
-            base.append(mine * moved.base)
+            base.append(own_base)
+            rates.append(np.zeros(0))
             continue
-        c, f, response = everyone.contacts[g], shares[g], everyone.by_wrench[g]
-        qdd.append(response.qdd @ f + own_qdd)
-        wrench.append(f + mine * wrench_besides)
-        base.append(response.base @ f + mine * moved.base)
-        gap = shift_twist(c.offset, alpha) + everyone.mobilities[g].apply(f) - mine * moved.closing
-        rates[g] = rates_of(c, gap)
+        qdd.append(own_qdd - by.slowing @ f)
+        wrench.append(f + own_wrench)
+        base.append(by.base @ f + own_base)
+        rates.append(rates_of(c, shift_twist(c.offset, alpha) + arm.mobility.apply(f) - closing))
     found = {
         "qdd": qdd,
         "grasp_wrench": wrench,
         "object_acceleration": [alpha],
-        "contact_acceleration": [rates[g] for g in sorted(rates)],
+        "contact_acceleration": rates,
         "base_wrench": base,
     }
-    return [concatenate(found[result]) for result in of]
+    return [found[result] for result in of]
 
 
 def rates_of(c: Contact, apart: Array) -> Array:

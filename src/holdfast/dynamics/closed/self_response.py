@@ -28,6 +28,7 @@ from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import shift_wrench
+from holdfast.spatial.symmetric import mirrored
 from holdfast.spatial.vector import skew
 
 JOINT_ARGUMENTS = ("q", "qd", "tau")  # arguments for which the responses to all joints can be computed together
@@ -76,7 +77,7 @@ def self_response(tip: TipResponse, motion: ArmMotion, c: Contact | None, r: Arm
 def joint_responses(
     names: Sequence[str], case: ArmCase, z: ArmUnknowns, tip: TipResponse, motion: ArmMotion, c: Contact | None
 ) -> dict[str, list[SelfResponse]]:
-    """Return the responses of an arm itself to changes of each of its joints, by argument.
+    """Return the responses of an arm itself to changes of each of its joints, by argument, and to torques in any case.
 
     Args:
         names: some of `JOINT_ARGUMENTS`.
@@ -88,9 +89,9 @@ def joint_responses(
     """
     still = ArmUnknowns(*(np.zeros(len(part)) for part in z))
     torques = [self_response(tip, motion, c, still._replace(qdd=-unit)) for unit in np.eye(len(z.qdd))]
-    found = {"tau": torques}
+    mobility = mirrored(array([one.qdd for one in torques])) if torques else np.zeros((0, 0))
+    found = {"tau": [one._replace(qdd=row) for one, row in zip(torques, mobility, strict=True)]}
     if torques and ("q" in names or "qd" in names):
-        mobility = array([one.qdd for one in torques]).T
         at_base, at_tip = array([one.base for one in torques]).T, array([one.closing for one in torques]).T
 
         def of_residual(r: ArmUnknowns) -> SelfResponse:
@@ -102,7 +103,7 @@ def joint_responses(
             )
 
         found |= {name: [of_residual(r) for r in of] for name, of in joint_residuals(case, z).items()}
-    return {name: found.get(name, []) for name in names}
+    return {name: found.get(name, []) for name in {"tau", *names}}
 
 
 def joint_residuals(case: ArmCase, z: ArmUnknowns) -> dict[str, list[ArmUnknowns]]:

@@ -22,8 +22,8 @@ from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.spatial.inertia import NO_INERTIA, RigidInertia
-from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
-from holdfast.spatial.scalar import Array, array, concatenate, maximum, where
+from holdfast.spatial.linalg import back_substitution, forward_substitution, root_free_cholesky
+from holdfast.spatial.scalar import Array, array, concatenate, maximum, minimum, reciprocal, where
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
 from holdfast.spatial.symmetric import Symmetric6, symmetric6, zero6
 
@@ -64,7 +64,7 @@ class TipResponse:
     Attributes:
         mobility: Lambda(0).
         free_acceleration: (6,) alpha_f(0) minus [0; g].
-        pivots: (N,) D, or the squared Cholesky diagonal; positive for a regular mass matrix.
+        pivots: (N,) D; positive for a regular mass matrix.
         back_substitute: function of f (6,) and beta (c,) or None that returns qdd (N,) and the base wrench (6,) about
             the base origin, world axes.
         length: length of the fully extended arm, an upper bound of its levers [m].
@@ -143,17 +143,18 @@ def recursive(motion: ArmMotion) -> TipResponse:
 
 
 def by_mass_matrix(motion: ArmMotion) -> TipResponse:
-    """Return the tip response with M = L L^T, X = L^-1 J^T: Lambda = X^T X. O(N^3).
+    """Return the tip response with M = L D L^T, X = L^-1 J^T: Lambda = X^T D^-1 X. O(N^3).
 
     With the torques B^T S that accelerations of the trunk's columns need, and Bh = L^-1 B^T S, the response at the base
-    is phi^T S - X^T Bh, -Bh^T Bh and Bh^T L^-1 (T - C).
+    is phi^T S - X^T D^-1 Bh, -Bh^T D^-1 Bh and Bh^T D^-1 L^-1 (T - C).
     """
     arm, at = motion.arm, motion.at
     J = jacobian(arm, at)
     M, per_joint, locked = mass_matrix(arm, at)
-    L = cholesky(M)
-    X = forward_substitution(L, J.T)
-    mobility, pivots = symmetric6(X.T @ X), np.diag(L) * np.diag(L)
+    L, pivots = root_free_cholesky(M)
+    inverse, X = reciprocal(pivots), forward_substitution(L, J.T)
+    XD = X.T * inverse
+    mobility = symmetric6(XD @ X)
     S, B, first = motion.base_columns, None, arm.base.R @ at.l[0]
     if S is not None:
         B = forward_substitution(L, per_joint.T @ first_columns(motion, S))
@@ -165,16 +166,17 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
         if S is not None and B is not None:
             at_tip = array([shift_twist(motion.base_to_tip, column) for column in S.T]).T
             of_base = shift_wrench(first, rotate(at.R[0], at_rest))
-            base = BaseResponse(at_tip - X.T @ B, -(B.T @ B), x @ B, locked.moved(arm.base.R, np.zeros(3)), of_base)
+            BD = B.T * inverse
+            base = BaseResponse(at_tip - XD @ B, -(BD @ B), BD @ x, locked.moved(arm.base.R, np.zeros(3)), of_base)
 
         def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
             free = x if B is None or beta is None else x - B @ beta
-            qdd = back_substitution(L, free - X @ f)
+            qdd = back_substitution(L, inverse * (free - X @ f))
             at_first = rotate(at.R[0], at_rest + per_joint @ qdd) + shift_wrench(at.reach[0], f)
             wrench = shift_wrench(first, at_first)
             return qdd, wrench if base is None or S is None or beta is None else wrench + base.locked.apply(S @ beta)
 
-        free = x @ X + motion.bias.tip_acceleration
+        free = XD @ x + motion.bias.tip_acceleration
         return TipResponse(mobility, free, pivots, back_substitute, arm.length, base)
 
     return replace(response(motion), for_load=response)
@@ -203,7 +205,6 @@ def responded(tip: TipResponse, f: Array, beta: Array | None = None) -> tuple[Ar
 
 def if_regular(qdd: Array, pivots: Array) -> Array:
     """Return joint accelerations, or NaN if the mass matrix with these pivots is singular, (N,)."""
-    largest, first = reduce(maximum, pivots, 0.0), qdd[0]
-    for pivot in pivots:
-        first = where(pivot > LEAST_INERTIA * largest, first, float("nan"))
+    smallest, largest = reduce(minimum, pivots), reduce(maximum, pivots, 0.0)
+    first = where(smallest > LEAST_INERTIA * largest, qdd[0], float("nan"))
     return concatenate([[first], qdd[1:]])

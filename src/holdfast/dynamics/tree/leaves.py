@@ -113,7 +113,8 @@ def measure_leaves(
     passing, frames = Passing(now.X, P, first, now.N, now.kept, now.weakest, x, load), dict(now.frames)
     r = [[right_hand_side(leaf, *given_to(side, leaf)) for side in sides] for leaf in (*summed, *ending, *others)]
     seen = [_with_columns(leaf.seen, now.width) for leaf in (*summed, *ending)]
-    loop = scan if of.apart else _in_turn
+    # one leaf finds zeros in the mobility of the free body alone, which a scan would not see
+    loop = (_alone if len(summed) == 1 else scan) if of.apart else _in_turn
     passing, sums = loop(by_sum, passing, seen[: len(summed)], r[: len(summed)])
     rows, end, ends, closed, closes = [], [], [None for _ in sides], None, [None for _ in sides]
     if others:
@@ -255,6 +256,12 @@ def back_leaves(backs: Sequence[Outward], step: MeasureLeaves, of: Leaves, kept:
         for leaf, f in zip(of.leaves, found, strict=True):
             back.wrenches[leaf.step.closure] = -f if leaf.step.is_b else f
             through_joints(back, leaf, f)
+
+
+def _alone(f: Callable[..., Any], carry: Any, *items: Iterable[Any]) -> tuple[Any, list[Any]]:
+    """Return what a scan of one item would; constants in the carry stay constants."""
+    ((carry, found),) = each(lambda *item: f(carry, *item), *items)
+    return carry, [found]
 
 
 def _in_turn(f: Callable[..., Any], carry: Any, *items: Iterable[Any]) -> tuple[Any, list[Any]]:

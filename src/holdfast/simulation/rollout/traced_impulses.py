@@ -59,7 +59,7 @@ class TouchingSystem(TracedSystem):
         """Return a state projected onto the grasps."""
         if not self.real.grasps:
             return state
-        return after_step(*self._chain_state(t, state), self.held)
+        return after_step(*self._chain_state(t, state), self.held).state
 
     def _chain_state(self, t: Scalar, state: State) -> tuple[ClosedChain, State, Inputs]:
         chain, inputs = self.at(t, state)

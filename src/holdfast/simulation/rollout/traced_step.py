@@ -23,7 +23,7 @@ from holdfast.control.traced_law import law_outputs
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
-from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Gap, after_step, largest_gaps
+from holdfast.dynamics.projection import LEFT_OPEN, WIDEST_GAP, Gap, StepEnd, after_step
 from holdfast.forces.margins import JointLimits, margins_of_grasps, margins_of_joints
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, state_fields
@@ -113,6 +113,7 @@ class TracedSystem:
         conditions: the conditions of all evaluations so far.
         touches: carried arrays of contacts with the world at the step's end, by name.
         unlawful: 1 if impulses of these contacts violate their laws, else 0.
+        end: the step's end, once it has been projected.
     """
 
     def __init__(self, model: StepModel, given: Given, environment: Environment | None = None) -> None:
@@ -129,6 +130,7 @@ class TracedSystem:
         self.conditions: list[Scalar] = []
         self.touches: dict[str, Array] = {}
         self.unlawful: Scalar = 0.0
+        self.end: StepEnd | None = None
 
     @property
     def state(self) -> State:
@@ -214,8 +216,9 @@ class TracedSystem:
         self, chain: ClosedChain, state: State, tau: Array, inputs: Inputs, held: Array | None, choose: bool
     ) -> SolutionWithStatus:
         """Return forward dynamics; see `solve_with_status`."""
-        rank = self.given["generic_rank"]
-        return solve_with_status(chain, framed(state), tau, inputs, rank, self.route, held, choose)
+        rank, end = self.given["generic_rank"], self.end
+        there = None if end is None or end.state is not state else end.motion
+        return solve_with_status(chain, framed(state), tau, inputs, rank, self.route, held, choose, there=there)
 
     def power(
         self, chain: ClosedChain, state: State, drive: Array, lost: Array, inputs: Inputs, whole: ChainSolution
@@ -274,9 +277,14 @@ class TracedSystem:
         if isinstance(request, StageRequest):
             return self.at_stage(request, at, self.last("memory"))
         chain, inputs = self.environment.at(t, at)
-        closed = after_step(chain, at, inputs, self.held)
-        end = State(**{field: select(still, getattr(at, field), getattr(closed, field)) for field in fields.values()})
-        return end, [largest_gaps(chain, one, inputs) for one in (at, end)]
+
+        def going_on(before: State, after: State) -> State:
+            return State(
+                **{name: select(still, getattr(before, name), getattr(after, name)) for name in fields.values()}
+            )
+
+        self.end = after_step(chain, at, inputs, self.held, going_on)
+        return self.end.state, [self.end.before, self.end.after]
 
 
 def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
