@@ -15,7 +15,7 @@ from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.questions.arrays import CONTACTS, gradient_shapes, shapes, state_fields
 from holdfast.simulation.balance import WORK_TERMS
-from holdfast.simulation.rollout.kernel import StepKernel, step_externals
+from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.varied_step import LAW_PREFIX, MARGIN_RESULT, WORK_RESULT, VariedStep
 from holdfast.simulation.runge_kutta import EULER, Tableau
 from holdfast.spatial.scalar import Array
@@ -46,7 +46,7 @@ class AdjointKernel:
         self._shapes = adjoint_shapes(step, self.by, self.of)
         if tableau is None:  # the projection does not depend on the law
             del self._shapes[f"{WITH}{BEFORE}"]
-        own = step_externals(step.structure, step.law)
+        own = step.externals
         unused = [name for name in UNUSED if name != CONTACTS or MARGIN_RESULT not in self.of]
         plain = {name: e for name, e in own.items() if e.role != "carried" and name not in unused}
         states = [f"last.{name}" for name in (*state_fields(step.chain), "before", "count")]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.structure import Structure
-from holdfast.compiled.traced_chain import Given
+from holdfast.compiled.structure import Options, Structure
+from holdfast.compiled.traced_chain import Given, externals
 from holdfast.compiled.traced_forest import TracedForest
+from holdfast.compiler.program import Shape
+from holdfast.compiler.schedule import External
 from holdfast.control.controller import ControlLaw
 from holdfast.control.sampled import within_steps
 from holdfast.dynamics.projection import Gap
@@ -25,18 +29,22 @@ from holdfast.dynamics.tree.mechanism_terms import (
     joint_rows,
 )
 from holdfast.dynamics.tree.varied_forest import ForestArguments
-from holdfast.forces.margins import joint_coordinates
+from holdfast.forces.margins import joint_coordinates, joint_limits
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import code_key, digest_of
-from holdfast.questions.arrays import CONTACTS, FLOATING_RESULT, state_fields
+from holdfast.questions.arrays import CONTACTS, FLOATING_RESULT, contact_of, shapes, state_fields
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import OF_WORK
 from holdfast.simulation.joint_friction import friction_torque
 from holdfast.simulation.mechanism_stepper import increment
+from holdfast.simulation.rollout.step_code import STEP_INPUTS, StepCode, carried_externals, own_shapes
 from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, evaluation_of, step_of
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import StepResult
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
 from holdfast.state import Inputs, State, found_state
+
+OF_MECHANISM = ("qdd", "object_acceleration", "grasp_wrench", "coupling_force")
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,3 +197,41 @@ def _flat(state: State) -> tuple[Array, Array]:
         flat_rates(state.q, state.object_pose, state.base_pose),
         flat_rates(state.qd, state.object_twist, state.base_twist),
     )
+
+
+def _structure(chain: ClosedChain, options: Options, generic_rank: int) -> Structure:
+    return MechanismStructure(chain, options, rank=generic_rank if generic_rank >= 0 else None)
+
+
+def _carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dict[str, Shape]:
+    forest, known = chain.as_forest.forest, shapes(chain)
+    own = own_shapes(chain.joint_count, len(forest.closures), len(law.memory), options)
+    own["slope"] = (forest.position_count + forest.velocity_count + OF_WORK,)
+    names = [*state_fields(chain), *OF_MECHANISM, *([FLOATING_RESULT] if chain.floats else [])]
+    states = {name: known[name] for name in names}
+    found = {**states, **own}
+    return {name: shape for name, shape in found.items() if math.prod(shape) or name in states}
+
+
+def _externals(structure: Structure, law: ControlLaw, states: Mapping[str, Shape]) -> dict[str, External]:
+    chain, options = structure.chain, structure.options
+    known = shapes(chain)
+    own: dict[str, Shape] = {**dict.fromkeys((*STEP_INPUTS, "notice"), ()), "limits": (4, chain.joint_count)}
+    of_law = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
+    wrenches = ["object_wrench", *(["link_wrench", "trunk_link_wrench"] if options.link_wrenches else [])]
+    inputs = [*STEP_INPUTS, *(name for name in wrenches if math.prod(known[name])), *of_law]
+    inputs += ["notice"] if options.resolution else []
+    return externals(inputs, ["limits", CONTACTS], (), known | own | of_law) | carried_externals(states)
+
+
+def _parameters(chain: ClosedChain, generic_rank: int) -> dict[str, Array]:
+    closures = chain.as_forest.forest.closures
+    contacts = np.array([contact_of(closure.grasp) for closure in closures]).reshape(len(closures), 7)
+    return {"limits": np.array(joint_limits(chain)), CONTACTS: contacts}
+
+
+def _functions(model: StepModel, tableau: Tableau) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    return partial(step, model, tableau), partial(evaluation, model)
+
+
+MECHANISM_STEP = StepCode(_structure, _carried_shapes, _externals, _parameters, _functions, constant=True)
