@@ -13,7 +13,7 @@ from holdfast.simulation.rollout.record import serial_chain_of, serial_samples
 from holdfast.simulation.rollout.starting import mechanism_rank, serial_rank
 from holdfast.simulation.rollout.step_code import SERIAL_STEP, StepCode
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_mechanism import MECHANISM_STEP
+from holdfast.simulation.rollout.varied_mechanism import MECHANISM_STEP
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
 

@@ -17,7 +17,7 @@ from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.grasp_gap import POSITION_TOLERANCE
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import serial_chain, without_contacts
+from holdfast.model.serial_chain import without_contacts
 from holdfast.names import called
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
@@ -342,10 +342,9 @@ class Rollout:
             **given: as for `step`.
 
         Raises:
-            MethodNotApplicable: the chain has `touching`, since steps with a touch have no derivative, or branches.
+            MethodNotApplicable: the chain has `touching`, since steps with a touch have no derivative.
             StateError: a shape or name is wrong.
         """
-        serial_chain(self.chain, "rollout: tape: chain")
         without_contacts(self.chain, "rollout: tape")
         require_systems(systems)
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}

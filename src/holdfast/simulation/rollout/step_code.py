@@ -23,6 +23,7 @@ from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.rollout import stage_values, traced_impulses, traced_step
 from holdfast.simulation.rollout.traced_step import StepModel
+from holdfast.simulation.rollout.varied_step import VariedSystem
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 
@@ -119,6 +120,7 @@ class StepCode(NamedTuple):
         externals: returns the arrays of a step, of the structure, the law and the carried shapes.
         parameters: returns a chain's own parameters, of the chain and a generic rank.
         functions: returns the functions of a step, and of the slopes at the current states.
+        varied: the class of systems in which some of the numbers carry derivatives.
         constant: whether all numbers of the chain are constants of the code, and some joints are passive.
     """
 
@@ -127,7 +129,8 @@ class StepCode(NamedTuple):
     externals: Callable[[Structure, ControlLaw, Mapping[str, Shape]], dict[str, External]]
     parameters: Callable[[ClosedChain, int], dict[str, Array]]
     functions: Callable[[StepModel, Tableau], tuple[Callable[..., Any], Callable[..., Any]]]
+    varied: Any
     constant: bool = False
 
 
-SERIAL_STEP = StepCode(_structure, carried_shapes, step_externals, _parameters, _functions)
+SERIAL_STEP = StepCode(_structure, carried_shapes, step_externals, _parameters, _functions, VariedSystem)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from holdfast.control.controller import ControlLaw
 from holdfast.control.sampled import within_steps
 from holdfast.dynamics.projection import Gap
 from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
-from holdfast.dynamics.tree.forest_simulate import ForestInstant, ForestSample, forest_step
+from holdfast.dynamics.tree.forest_simulate import ForestInstant, ForestSample, ForestStep, forest_step
 from holdfast.dynamics.tree.mechanism_terms import (
     body_wrenches,
     chain_arrays_of,
@@ -37,7 +37,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import OF_WORK
 from holdfast.simulation.joint_friction import friction_torque
 from holdfast.simulation.mechanism_stepper import increment
-from holdfast.simulation.rollout.step_code import STEP_INPUTS, StepCode, carried_externals, own_shapes
+from holdfast.simulation.rollout.step_code import STEP_INPUTS, carried_externals, own_shapes
 from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, evaluation_of, step_of
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import StepResult
@@ -120,36 +120,48 @@ class MechanismSystem(TracedSystem):
 
     def step_from(self, tableau: Tableau, first: Array) -> StepResult:
         """Return the result of a step that begins with the slope `first`."""
-        chain, begin, memory, law = self.real, self.state, self.last("memory"), within_steps(self.law)
-        positions = chain.as_forest.forest.position_count
-        q_rates, qdd, power = np.split(first, [positions, len(first) - OF_WORK])
-        none = np.zeros(0)
-        now = ForestInstant(qdd, q_rates, power, none, none, self.engine.unique, 1.0, self.engine.rank)
-        start = ForestArguments(self.engine.forest, *_flat(begin), none, none)
-
-        def acting(later: Scalar, q: Array, qd: Array) -> ForestArguments:
-            return self._acting(self.time(0.0) + later, self._state(q, qd), memory, law)[0]
-
-        sample, h = ForestSample(0.0, start, now), self.given["step"][()]
-        step = forest_step(self.engine, acting, sample, h, partial(increment, tableau))
-        end = self.evaluate(self.time(1.0), self._state(step.q, step.qd), memory, True)
+        memory = self.last("memory")
+        step = self.stepped(tableau, first, memory)
+        end = self.evaluate(self.time(1.0), self.found_at(step.q, step.qd), memory, True)
         motion = end.given.motion({})
         left = Gap(position_gaps(motion, step.q).largest, velocity_gaps(motion, step.qd).largest)
         return StepResult(end, (Gap(*step.drift), left), step.work, step.estimates)
 
+    def stepped(self, tableau: Tableau, first: Array, memory: Array) -> ForestStep:
+        """Return a step that begins with the slope `first`, with the memory that the law is given."""
+        chain, begin, law = self.real, self.state, within_steps(self.law)
+        positions = chain.as_forest.forest.position_count
+        q_rates, qdd, power = np.split(first, [positions, len(first) - OF_WORK])
+        none = np.zeros(0)
+        now = ForestInstant(qdd, q_rates, power, none, none, self.engine.unique, 1.0, self.engine.rank)
+        start = ForestArguments(self.engine.forest, *flat(begin), none, none)
+
+        def acting(later: Scalar, q: Array, qd: Array) -> ForestArguments:
+            return self._acting(self.time(0.0) + later, self.found_at(q, qd), memory, law)[0]
+
+        sample, h = ForestSample(0.0, start, now), self.given["step"][()]
+        return forest_step(self.engine, acting, sample, h, partial(increment, tableau))
+
     def results(self, now: MechanismEvaluation) -> dict[str, Array]:
         """Return what is known at a step's end, by the names of carried arrays."""
+        kept = {name: getattr(now.state, field) for name, field in state_fields(self.real).items()}
+        kept |= {"slope": now.slope(), "drive": now.drive, "memory": now.memory} | self.solution(now)
+        kept |= {"rank": array(now.now.rank), "condition": array(now.now.condition)}
+        return kept | {"margin": self.margins(now)}
+
+    def solution(self, now: MechanismEvaluation) -> dict[str, Array]:
+        """Return the results of forward dynamics."""
         chain, found = self.real, now.now
-        kept = {name: getattr(now.state, field) for name, field in state_fields(chain).items()}
         joints, count = joint_rows(chain), 6 * len(chain.free_objects)
-        kept |= {"slope": now.slope(), "qdd": found.qdd[joints]}
         of_objects = chain_results(chain)["object_acceleration"].shape
+        kept = {"qdd": found.qdd[joints]}
         kept["object_acceleration"] = found.qdd[len(found.qdd) - count :].reshape(of_objects)
         kept |= {FLOATING_RESULT: found.qdd[: joints.start]} if chain.floats else {}
-        kept |= {"grasp_wrench": found.closure_wrench, "coupling_force": found.coupling_force}
-        kept |= {"drive": now.drive, "memory": now.memory}
-        kept |= {"rank": array(found.rank), "condition": array(found.condition)}
-        return kept | {"margin": self.engine.margins(now.given, found, self.given[CONTACTS])}
+        return kept | {"grasp_wrench": found.closure_wrench, "coupling_force": found.coupling_force}
+
+    def margins(self, now: MechanismEvaluation) -> Array:
+        """Return the margins of grasps and loops, (closures,) [N]."""
+        return self.engine.margins(now.given, now.now, self.given[CONTACTS])
 
     def passes_singular(self, tableau: Tableau, end: State, drift: Gap) -> Scalar:
         """Return 0: as in `simulate`, singular configurations within a step are not looked for."""
@@ -157,7 +169,7 @@ class MechanismSystem(TracedSystem):
 
     def velocities(self, state: State) -> Array:
         """Return the rates of the forest, (n_v,)."""
-        return _flat(state)[1]
+        return flat(state)[1]
 
     def accelerations(self, state: State, slope: Array) -> Array:
         """Return their time derivatives in a slope, (n_v,)."""
@@ -167,7 +179,8 @@ class MechanismSystem(TracedSystem):
         """Return the positions of the joints in the order of their rates, (n,)."""
         return joint_coordinates(self.real, q)
 
-    def _state(self, q: Array, qd: Array) -> State:
+    def found_at(self, q: Array, qd: Array) -> State:
+        """Return the state of the chain from positions and rates of its forest."""
         return found_state(chain_arrays_of(self.real, q, qd))
 
     def _acting(self, t: Scalar, state: State, memory: Array, law: ControlLaw) -> tuple[ForestArguments, Array, Array]:
@@ -178,7 +191,7 @@ class MechanismSystem(TracedSystem):
         _, inputs = self.surroundings(t, state)
         drives = flat_rates(net, 0.0 * state.object_twist, None if state.base_twist is None else np.zeros(6))
         wrenches = body_wrenches(self.real, inputs.shaped(self.real))
-        return ForestArguments(self.engine.forest, *_flat(state), drives, wrenches), drive, kept
+        return ForestArguments(self.engine.forest, *flat(state), drives, wrenches), drive, kept
 
 
 def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
@@ -191,7 +204,7 @@ def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
     return evaluation_of(MechanismSystem(model, given))
 
 
-def _flat(state: State) -> tuple[Array, Array]:
+def flat(state: State) -> tuple[Array, Array]:
     """Return positions and rates in the order of the bodies of a chain's forest."""
     return (
         flat_rates(state.q, state.object_pose, state.base_pose),
@@ -199,11 +212,14 @@ def _flat(state: State) -> tuple[Array, Array]:
     )
 
 
-def _structure(chain: ClosedChain, options: Options, generic_rank: int) -> Structure:
+def mechanism_structure(chain: ClosedChain, options: Options, generic_rank: int) -> Structure:
+    """Return what the compiler sees of a chain; see `StepCode`."""
+    options = replace(options, held=0 <= generic_rank < chain.as_forest.forest.constraint_row_count)
     return MechanismStructure(chain, options, rank=generic_rank if generic_rank >= 0 else None)
 
 
-def _carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dict[str, Shape]:
+def mechanism_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dict[str, Shape]:
+    """Return the shapes of the arrays that a system carries between two steps; see `StepCode`."""
     forest, known = chain.as_forest.forest, shapes(chain)
     own = own_shapes(chain.joint_count, len(forest.closures), len(law.memory), options)
     own["slope"] = (forest.position_count + forest.velocity_count + OF_WORK,)
@@ -213,7 +229,8 @@ def _carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> di
     return {name: shape for name, shape in found.items() if math.prod(shape) or name in states}
 
 
-def _externals(structure: Structure, law: ControlLaw, states: Mapping[str, Shape]) -> dict[str, External]:
+def mechanism_externals(structure: Structure, law: ControlLaw, states: Mapping[str, Shape]) -> dict[str, External]:
+    """Return the arrays of a step; see `StepCode`."""
     chain, options = structure.chain, structure.options
     known = shapes(chain)
     own: dict[str, Shape] = {**dict.fromkeys((*STEP_INPUTS, "notice"), ()), "limits": (4, chain.joint_count)}
@@ -224,14 +241,13 @@ def _externals(structure: Structure, law: ControlLaw, states: Mapping[str, Shape
     return externals(inputs, ["limits", CONTACTS], (), known | own | of_law) | carried_externals(states)
 
 
-def _parameters(chain: ClosedChain, generic_rank: int) -> dict[str, Array]:
+def mechanism_parameters(chain: ClosedChain, generic_rank: int) -> dict[str, Array]:
+    """Return a chain's own parameters; see `StepCode`."""
     closures = chain.as_forest.forest.closures
     contacts = np.array([contact_of(closure.grasp) for closure in closures]).reshape(len(closures), 7)
     return {"limits": np.array(joint_limits(chain)), CONTACTS: contacts}
 
 
-def _functions(model: StepModel, tableau: Tableau) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def mechanism_functions(model: StepModel, tableau: Tableau) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the functions of a step and of its slopes; see `StepCode`."""
     return partial(step, model, tableau), partial(evaluation, model)
-
-
-MECHANISM_STEP = StepCode(_structure, _carried_shapes, _externals, _parameters, _functions, constant=True)
