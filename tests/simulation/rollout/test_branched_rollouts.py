@@ -144,8 +144,6 @@ def test_refusals():
         hf.compile_rollout(p.chain, scheme="dop853")
     with pytest.raises(StateError, match="generic_rank: expected an integer from 0 to 3"):
         hf.compile_rollout(p.chain, generic_rank=4)
-    with pytest.raises(MethodNotApplicable, match="tape: chain: expected serial arms"):
-        rollout.tape(systems, STEP, steps=1)
     with pytest.raises(MethodNotApplicable, match="to_jax: rollout: chain: expected serial arms"):
         JaxRollout(rollout, None, (), STEP, 1, ())
     with pytest.raises(StateError, match="qd"):

@@ -136,15 +136,18 @@ class Tape:
 
         Args:
             final: cotangents at the end, by name: q (systems, n), qd, object_pose (systems, 6), object_twist,
-                floating_pose and floating_twist, the law's memory, and the work (systems, 4) since the start.
+                floating_pose and floating_twist, the law's memory, and the work (systems, 4) since the start. Those
+                and gradients of q are in the coordinates of qd, of which a spherical joint has three.
             along: cotangents at the end of every step, (steps, systems, ...): of the same arrays, of tau, of the
                 margins of the grasps, margin (.., grasps), and of the results of forward dynamics: qdd, grasp_wrench
-                (.., arms, 6), object_acceleration, contact_acceleration, base_wrench.
+                (.., arms, 6), object_acceleration, contact_acceleration, base_wrench; of a chain with branches also
+                coupling_force, and no contact_acceleration and base_wrench.
             by: the arguments of which gradients are returned: the arrays of the state and `memory` at the start,
                 parameters of the law, object_wrench, gravity, object_mass, object_com, object_inertia, grasp_pose; if
                 no base moves, base_pose and the length of a `step`; and, if the rollout was compiled with them,
-                link_mass, link_com, link_inertia, link_wrench, and those of a trunk (trunk_link_mass ...). By default
-                the state and all parameters of the law. If the tape begins with systems from `Rollout.start` or
+                link_mass, link_com, link_inertia, link_wrench, and those of a trunk (trunk_link_mass ...). Of a chain
+                with branches the numbers of the chain are none of them. By default the state and all parameters of
+                the law. If the tape begins with systems from `Rollout.start` or
                 `take_over`, the gradients refer to the states passed to these functions, before the projection onto
                 the grasps.
             threads: as for `Rollout.step`.
