@@ -77,9 +77,16 @@ class TracedSolution(NamedTuple):
         return ForestPoint(self.given, self.limbed.motion, z, None, equations.at_rest)
 
 
-def traced_solution(forest: Forest, given: Given) -> TracedSolution:
-    """Return forward dynamics by running the reference's functions on traced arrays."""
-    made, qd, tau, wrenches = with_constants(forest), given["qd"], given["tau"], given.get("link_wrench")
+def traced_solution(forest: Forest, given: Given, made: Forest | None = None) -> TracedSolution:
+    """Return forward dynamics by running the reference's functions on traced arrays.
+
+    Args:
+        forest: the forest.
+        given: traced arrays of its state, torques and wrenches.
+        made: the forest with constants and traced numbers in place of its own; by default all are constants.
+    """
+    made, qd, tau = with_constants(forest) if made is None else made, given["qd"], given["tau"]
+    wrenches = given.get("link_wrench")
     arms, q = with_constant_arms(forest), unit_positions(forest, given["q"])
     torque = tau - damping_torques(made, qd) - spring_torques(made, given["q"])
     limbed = limbed_motion(made, arms, q, qd, torque, wrenches)

@@ -99,8 +99,8 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
             chains[name] = x
         elif fixed and name in CHAINS + LINK_ARGUMENTS and name not in WRENCHES:
             raise StateError(
-                f"{name}: expected none, as all numbers of a chain that is answered as a forest are constants of its"
-                " machine code; try a rollout of another chain"
+                f"{name}: expected none, as the numbers of a chain that is answered as a forest are constants of its"
+                " machine code, but for gravity and those of an only object; try a rollout of another chain"
             )
         elif name in LINK_ARGUMENTS:
             option = "link_wrench" if name in WRENCHES else "link_inertia"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import answered_as_forest
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.rollout.mechanism_replay import mechanism_samples
+from holdfast.simulation.rollout.mechanism_replay import mechanism_chain, mechanism_samples
 from holdfast.simulation.rollout.record import serial_chain_of, serial_samples
 from holdfast.simulation.rollout.starting import mechanism_rank, serial_rank
 from holdfast.simulation.rollout.step_code import SERIAL_STEP, StepCode
@@ -43,7 +43,7 @@ class ChainKind(NamedTuple):
 
 
 SERIAL_ARMS = ChainKind(SERIAL_STEP, True, serial_rank, serial_chain_of, serial_samples)
-BRANCHED = ChainKind(MECHANISM_STEP, False, mechanism_rank, lambda rollout, *_: rollout.chain, mechanism_samples)
+BRANCHED = ChainKind(MECHANISM_STEP, False, mechanism_rank, mechanism_chain, mechanism_samples)
 
 
 def kind_of(chain: ClosedChain) -> ChainKind:

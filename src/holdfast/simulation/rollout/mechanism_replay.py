@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_rows import grasp_rows
 from holdfast.questions.arrays import state_of
 from holdfast.simulation.adaptive import Tolerance
@@ -15,11 +16,17 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.mechanism_margins import MechanismSignals
 from holdfast.simulation.mechanism_sample import mechanism_sample
 from holdfast.simulation.mechanism_stepper import MechanismSteppers
+from holdfast.simulation.rollout.record import with_own_bodies
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.runge_kutta import scheme
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory, array_names, joined
 from holdfast.spatial.scalar import Array
+
+
+def mechanism_chain(rollout: Any, systems: RolloutSystems, parameters: Mapping[str, Array]) -> ClosedChain:
+    """Return the chain of one system, with its parameters."""
+    return with_own_bodies(rollout.chain, rollout.kernel.parameters | parameters)
 
 
 def mechanism_samples(

@@ -258,19 +258,15 @@ def serial_chain_of(rollout: Any, systems: RolloutSystems, parameters: Mapping[s
     """Return the chain with the parameters of one system."""
     fields = {name: systems.arrays[name][0] for name in state_fields(rollout.chain)}
     own = rollout.kernel.parameters | parameters
-    return _with_own_bodies(system(rollout.chain, fields | own, 0)[0], own)
+    return with_own_bodies(system(rollout.chain, fields | own, 0)[0], own)
 
 
-def _with_own_bodies(chain: ClosedChain, own: Mapping[str, Array]) -> ClosedChain:
+def with_own_bodies(chain: ClosedChain, own: Mapping[str, Array]) -> ClosedChain:
     """Return the chain with the object, gravity and link inertias of a system."""
-    held = replace(
-        chain.held_object,
-        mass=float(own["object_mass"]),
-        com=own["object_com"],
-        inertia=own["object_inertia"],
-        physical=False,
-    )
-    arms, trunk = dict(chain.arms), chain.trunk
+    arms, trunk, held = dict(chain.arms), chain.trunk, chain.held_object
+    if "object_mass" in own:
+        mass, com, inertia = (own[f"object_{what}"] for what in ("mass", "com", "inertia"))
+        held = replace(held, mass=float(mass), com=com, inertia=inertia, physical=False)
     if "link_mass" in own:
         links = _bodies(own, LINKS)
         arms = {name: chain.arms[name].of(links=links[rows]) for name, rows in link_rows(chain).items()}

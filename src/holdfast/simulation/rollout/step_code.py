@@ -121,7 +121,7 @@ class StepCode(NamedTuple):
         parameters: returns a chain's own parameters, of the chain and a generic rank.
         functions: returns the functions of a step, and of the slopes at the current states.
         varied: the class of systems in which some of the numbers carry derivatives.
-        constant: whether all numbers of the chain are constants of the code, and some joints are passive.
+        constant: whether most numbers of the chain are constants of the code, and some joints are passive.
     """
 
     structure: Callable[[ClosedChain, Options, int], Structure]

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.compiled.forest_schedule import with_constants
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, externals
 from holdfast.compiled.traced_forest import TracedForest
@@ -32,7 +33,9 @@ from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.forces.margins import joint_coordinates, joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import code_key, digest_of
-from holdfast.questions.arrays import CONTACTS, FLOATING_RESULT, contact_of, shapes, state_fields
+from holdfast.model.forest import Forest
+from holdfast.questions.arrays import CONTACTS, FLOATING_RESULT, contact_of, shapes, state_fields, value_of
+from holdfast.questions.case import varied_body
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import OF_WORK
 from holdfast.simulation.joint_friction import friction_torque
@@ -41,9 +44,11 @@ from holdfast.simulation.rollout.step_code import STEP_INPUTS, carried_externals
 from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, evaluation_of, step_of
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import StepResult
+from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
 from holdfast.state import Inputs, State, found_state
 
+OF_OBJECT = ("object_mass", "object_com", "object_inertia")
 OF_MECHANISM = ("qdd", "object_acceleration", "grasp_wrench", "coupling_force")
 
 
@@ -100,7 +105,8 @@ class MechanismSystem(TracedSystem):
         acting = Inputs(*wrenches, trunk_link_wrenches=given.get("trunk_link_wrench"))
         super().__init__(model, given, Environment(chain, {}, acting))
         forest = chain.as_forest.forest
-        self.engine = TracedForest(forest, forest.constraint_row_count if structure.rank is None else structure.rank)
+        rank = forest.constraint_row_count if structure.rank is None else structure.rank
+        self.engine = TracedForest(forest, rank, with_given(chain, given))
         self._undriven = ~driven_joints(chain)
 
     def evaluate(
@@ -204,6 +210,20 @@ def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
     return evaluation_of(MechanismSystem(model, given))
 
 
+def given_numbers(chain: ClosedChain) -> tuple[str, ...]:
+    """Return the names of the numbers of a chain that are no constants: gravity, and those of an only object."""
+    return ("gravity", *(OF_OBJECT if chain.held_object is not None and len(chain.free_objects) == 1 else ()))
+
+
+def with_given(chain: ClosedChain, given: Given) -> Forest:
+    """Return a chain's forest with constants and `given_numbers` as its numbers."""
+    made = with_constants(chain.as_forest.forest)
+    *others, last = made.bodies  # an object comes last
+    if OF_OBJECT[0] in given_numbers(chain):
+        last = changed(last, link=varied_body(last.link, "object", given, ()))
+    return changed(made, bodies=(*others, last), gravity=given["gravity"])
+
+
 def flat(state: State) -> tuple[Array, Array]:
     """Return positions and rates in the order of the bodies of a chain's forest."""
     return (
@@ -238,14 +258,16 @@ def mechanism_externals(structure: Structure, law: ControlLaw, states: Mapping[s
     wrenches = ["object_wrench", *(["link_wrench", "trunk_link_wrench"] if options.link_wrenches else [])]
     inputs = [*STEP_INPUTS, *(name for name in wrenches if math.prod(known[name])), *of_law]
     inputs += ["notice"] if options.resolution else []
-    return externals(inputs, ["limits", CONTACTS], (), known | own | of_law) | carried_externals(states)
+    parameters = [*given_numbers(chain), "limits", CONTACTS]
+    return externals(inputs, parameters, (), known | own | of_law) | carried_externals(states)
 
 
 def mechanism_parameters(chain: ClosedChain, generic_rank: int) -> dict[str, Array]:
     """Return a chain's own parameters; see `StepCode`."""
     closures = chain.as_forest.forest.closures
     contacts = np.array([contact_of(closure.grasp) for closure in closures]).reshape(len(closures), 7)
-    return {"limits": np.array(joint_limits(chain)), CONTACTS: contacts}
+    own = {name: np.array(value_of(name, chain)) for name in given_numbers(chain)}
+    return own | {"limits": np.array(joint_limits(chain)), CONTACTS: contacts}
 
 
 def mechanism_functions(model: StepModel, tableau: Tableau) -> tuple[Callable[..., Any], Callable[..., Any]]:

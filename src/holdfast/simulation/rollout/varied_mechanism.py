@@ -104,8 +104,8 @@ class VariedForest(TracedForest):
         working: whether the derivatives of the work are computed.
     """
 
-    def __init__(self, forest: Forest, rank: int, taker: Loops | None) -> None:
-        super().__init__(forest, rank)
+    def __init__(self, forest: Forest, rank: int, made: Forest, taker: Loops | None) -> None:
+        super().__init__(forest, rank, made)
         self.working, self._taker, self._of = False, taker, forest
 
     def instant(self, given: ForestArguments) -> ForestInstant:
@@ -113,7 +113,7 @@ class VariedForest(TracedForest):
         arguments = {"q": given.q, "qd": given.qd, "tau": given.tau, "link_wrench": given.wrenches}
         varied = {name: x for name, x in arguments.items() if is_recorded(x)}
         with loops_by(self._taker):
-            solved = traced_solution(self._of, {name: bare(x) for name, x in arguments.items()})
+            solved = traced_solution(self._of, {name: bare(x) for name, x in arguments.items()}, self.forest)
             x = forward_outputs(solved)
         qdd, wrenches, forces = by_rule([x[n] for n in FORCES], ForwardRule(solved, (*varied,)), *varied.values())
         power = np.array(power_into(given, given.motion({}))) if self.working else np.zeros(OF_WORK)
@@ -153,7 +153,7 @@ class VariedMechanism(MechanismSystem):
         moved = chain_arrays_of(chain, q + position_rates(forest, q, turned), turned)
         own |= {f"last.{name}": moved[field] for name, field in fields.items() if name in POSITIONS}
         super().__init__(of.model, {**given, **own})
-        self.engine: VariedForest = VariedForest(forest, self.engine.rank, taker)
+        self.engine: VariedForest = VariedForest(forest, self.engine.rank, self.engine.forest, taker)
 
     @staticmethod
     def shapes(chain: ClosedChain) -> dict[str, Shape]:
