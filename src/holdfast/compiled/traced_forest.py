@@ -64,7 +64,6 @@ class TracedForest:
 
     def closed(self, q: Array, qd: Array) -> tuple[Array, Array, tuple[Scalar, Scalar]]:
         """See `StepEngine`; gaps that two rounds do not close are left."""
-
         forest, arms = self.forest, self._arms
 
         def taken(at: tuple[Array, Array], _: Scalar) -> tuple[tuple[Array, Array], tuple[Scalar, Scalar]]:

@@ -12,10 +12,12 @@ import pytest
 import holdfast as hf
 from holdfast.dynamics.tree.mechanism_terms import chain_arguments, chain_arrays_of, flat_state
 from holdfast.dynamics.tree.varied_forest import displaced, displacement
-from holdfast.questions.arrays import state_fields
+from holdfast.questions.arrays import state_fields, value_of
 from holdfast.simulation import Rollout
+from holdfast.simulation.rollout.traced_mechanism import given_numbers
 from holdfast.simulation.rollout.varied_step import VariedStep
 from holdfast.simulation.runge_kutta import MIDPOINT
+from holdfast.spatial.symmetric import symmetric_part
 from tests.dynamics.tree.as_branched import AWAY, STRAY
 from tests.simulation.gantries import squeezed
 from tests.simulation.rollout.test_branched_rollouts import given
@@ -69,7 +71,8 @@ class Rolled:
         ]
         records = self.tape(0.0, record=along).records
         self.along = {name: 1e-2 * random.normal(size=x.shape) for name, x in records.items()}
-        self.names = [*fields, "memory", "gain", "tau", "step", *(["object_wrench"] * bool(p.chain.free_objects))]
+        self.names = [*fields, "memory", "gain", "tau", "step", *given_numbers(p.chain)]
+        self.names += ["object_wrench"] * bool(p.chain.free_objects)
 
     def tape(self, far: float, changed: Any = None, record: Any = (), **options: Any) -> Any:
         """Return the steps with something changed."""
@@ -85,16 +88,13 @@ class Rolled:
             for name, field in fields.items():
                 start[name][row] = moved[field] if name in POSITIONS else start[name][row] + d.get(name, [0.0] * 2)[row]
         tau = self.tau + d.get("tau", 0.0)
-        wrench = np.full(self.places["object_wrench"].shape, 0.5) + d.get("object_wrench", 0.0)
-        with_wrench = {"object_wrench": wrench} if chain.free_objects else {}
-        further = {
-            "gain": np.full((SYSTEMS, n), 0.5) + d.get("gain", 0.0),
-            "memory": 0.2 + d.get("memory", np.zeros(n)),
-        }
-        systems = self.rollout.start(**start, tau=tau[0], **further, **with_wrench)
-        schedule = {"tau": tau}
+        further = {name: np.array(value_of(name, chain)) + d.get(name, 0.0) for name in given_numbers(chain)}
+        further |= {"gain": 0.5 + d.get("gain", np.zeros(n)), "memory": 0.2 + d.get("memory", np.zeros(n))}
+        if chain.free_objects:
+            further["object_wrench"] = np.full(self.places["object_wrench"].shape, 0.5) + d.get("object_wrench", 0.0)
+        systems = self.rollout.start(**start, tau=tau[0], **further)
         step = STEP + d.get("step", 0.0)
-        return self.rollout.tape(systems, step, steps=STEPS, schedule=schedule, record=record, **options)
+        return self.rollout.tape(systems, step, steps=STEPS, schedule={"tau": tau}, record=record, **options)
 
     def value(self, tape: Any, beside: Any) -> np.ndarray:
         """Return the scalar of every system; positions at the end count as displacements from those of a tape."""
@@ -119,6 +119,7 @@ class Rolled:
         for name in (name for name in self.names if found[name].size):
             x = found[name]
             direction = random.normal(size=x.shape) * (self.tau != 0.0 if name == "tau" else 1.0)
+            direction = symmetric_part(direction) if name == "object_inertia" else direction
             axes = (0, 2) if name == "tau" else tuple(range(1, x.ndim))
             direction /= np.abs(direction).max() * (100.0 if name == "step" else 1.0)
 
@@ -178,10 +179,10 @@ def test_reverse_and_forward():
     tape = rolled.rollout.tape(systems, STEP, steps=1, tau=tau, gain=gain)
     kernel = rolled.rollout.kernel
     at = {f"last.{name}": x[0] for name, x in systems.arrays.items()}
-    at |= {"begin": np.array(0.0), "step": np.array(STEP), "control.tau": tau, "control.gain": gain}
-    by = {"q": "q", "qd": "qd", "tau": "control.tau", "step": "step"}
+    at |= kernel.parameters | {"begin": np.array(0.0), "step": np.array(STEP), "control.tau": tau, "control.gain": gain}
+    by = {"q": "q", "qd": "qd", "tau": "control.tau", "step": "step", "gravity": "gravity"}
     linear = VariedStep(kernel.model, MIDPOINT, kind=kernel.code.varied).linear(at, [*by.values()], ("qdd", "work"))
-    tangents = {key: random.normal(size=() if name == "step" else (n,)) for name, key in by.items()}
+    tangents = {key: random.normal(size={"step": (), "gravity": (3,)}.get(name, (n,))) for name, key in by.items()}
     tangents["control.tau"] *= driven
     cotangents = {name: random.normal(size=np.shape(x)) for name, x in linear.found.items() if np.size(x)}
     rates, gradient = (
@@ -206,7 +207,7 @@ def test_refusals():
     for name in ("grasp_wrench", "margin"):
         with pytest.raises(hf.errors.MethodNotApplicable, match=f"{name}: expected forces that are unique"):
             tape.vjp(along={name: np.zeros(3)})
-    for name in ("link_mass", "gravity", "grasp_pose", "base_pose", "object_mass"):
+    for name in ("link_mass", "grasp_pose", "base_pose", "object_mass"):
         with pytest.raises(hf.errors.StateError, match=f"tape: by: no '{name}'"):
             tape.vjp(rolled.final, by=[name])
 

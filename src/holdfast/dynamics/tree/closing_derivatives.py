@@ -8,10 +8,8 @@ would differ by the order of the gaps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
-
-import numpy as np
 
 from holdfast.dynamics.tree.forest_gaps import position_gaps, velocity_gaps
 from holdfast.dynamics.tree.forest_motion import ForestMotion
@@ -21,6 +19,9 @@ from holdfast.dynamics.tree.varied_forest import ForestArguments, position_rates
 from holdfast.dynamics.tree.virtual_power import ForestUnknowns, carried, residual, unknowns_from, virtual_power
 from holdfast.spatial.differentiation import gradient, linearised
 from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.spatial.symmetric import symmetric_part
+
+STATE = ("q", "qd")
 
 
 class ClosingPoint(NamedTuple):
@@ -36,11 +37,12 @@ class ClosingPoint(NamedTuple):
     changes: Sequence[ForestUnknowns]
     at_rest: Callable[[ForestMotion, ForestUnknowns], ForestUnknowns]
 
-    def backward(self, cotangents: Sequence[Array]) -> tuple[Array, Array]:
-        """Return the gradients of sum(cotangent . change) by positions and rates, (n_v,) each. O(bodies).
+    def backward(self, cotangents: Sequence[Array], by: Sequence[str] = STATE) -> dict[str, Array]:
+        """Return the gradients of sum(cotangent . change) by some arguments. O(bodies).
 
         Args:
             cotangents: of the changes of positions and of rates, (n_v,) each.
+            by: q, in the coordinates of qd, qd, and numbers of bodies, as in `FOREST_ARGUMENTS`.
         """
         motion = self.given.motion({})
 
@@ -54,36 +56,38 @@ class ClosingPoint(NamedTuple):
         pairs = [*zip(self.changes, cotangents, strict=True)]
         every = [virtual(*pair) for pair in pairs]
 
-        def power(turned: Array, qd: Array) -> Scalar:
-            found = zip(self._still(turned, qd), pairs, every, strict=True)
+        def power(*numbers: Array) -> Scalar:
+            found = zip(self._still(dict(zip(by, numbers, strict=True))), pairs, every, strict=True)
             return sum(
                 shown(still, z.rates, x) - virtual_power(LimbsInMotion(still), z, carried(still, z.rates), y)
                 for still, (z, x), y in found
             )
 
-        by_q, by_qd = gradient(power, np.zeros(len(self.given.qd)), self.given.qd)
-        return by_q, by_qd
+        found = dict(zip(by, gradient(power, *self.given.values(by).values()), strict=True))
+        return found | {name: symmetric_part(x) for name, x in found.items() if name == "link_inertia"}
 
-    def forward(self, turned: Array, qd: Array) -> list[Array]:
-        """Return the rates of the changes of positions and of rates along rates of both, (n_v,) each. O(bodies).
+    def forward(self, along: Mapping[str, Array]) -> list[Array]:
+        """Return the rates of the changes of positions and of rates, (n_v,) each. O(bodies).
 
         Args:
-            turned: rates of positions in the coordinates of qd.
-            qd: rates of the rates.
+            along: rates of arguments by name, as in `backward`.
         """
-        motion, none = self.given.motion({}), np.zeros(len(self.given.qd))
+        motion, values = self.given.motion({}), [*self.given.values([*along]).values()]
+        along = {name: symmetric_part(x) if name == "link_inertia" else x for name, x in along.items()}
 
-        def left(*at: Array) -> list[Array]:
-            return [residual(still, z) for still, z in zip(self._still(*at), self.changes, strict=True)]
+        def varied(numbers: Sequence[Array]) -> list[ForestMotion]:
+            return self._still(dict(zip(along, numbers, strict=True)))
+
+        def left(*numbers: Array) -> list[Array]:
+            return [residual(still, z) for still, z in zip(varied(numbers), self.changes, strict=True)]
 
         moved = [
             self.at_rest(motion, unknowns_from(motion, -x)).flat
-            for x in linearised(left, none, self.given.qd).rates(turned, qd)
+            for x in linearised(left, *values).rates(*along.values())
         ]
 
         def changes(*numbers: Array) -> list[Array]:
-            *every, at_q, at_qd = numbers
-            found = zip(self._still(at_q, at_qd), every, strict=True)
+            found = zip(varied(numbers[len(moved) :]), numbers[: len(moved)], strict=True)
             return [
                 concatenate(
                     [body.of_frame(x) for body, x in zip(still.bodies, unknowns_from(still, z).rates, strict=True)]
@@ -92,11 +96,12 @@ class ClosingPoint(NamedTuple):
             ]
 
         flat = [z.flat for z in self.changes]
-        return linearised(changes, *flat, none, self.given.qd).rates(*moved, turned, qd)
+        return linearised(changes, *flat, *values).rates(*moved, *along.values())
 
-    def _still(self, turned: Array, qd: Array) -> list[ForestMotion]:
-        """Return the forest at rest with the right-hand sides of both changes, at varied positions and rates."""
-        q = self.given.q + position_rates(self.given.forest, self.given.q, turned)
-        motion = self.given.motion({"q": turned, "qd": qd})
+    def _still(self, numbers: Mapping[str, Array]) -> list[ForestMotion]:
+        """Return the forest at rest with the right-hand sides of both changes, at some arguments."""
+        q, qd, motion = self.given.q, numbers.get("qd", self.given.qd), self.given.motion(numbers)
+        if "q" in numbers:
+            q = q + position_rates(self.given.forest, q, numbers["q"])
         sides = closing_sides(motion, position_gaps(motion, q), velocity_gaps(motion, qd))
         return [motion.at_rest_with(*side) for side in sides]

@@ -23,11 +23,11 @@ from holdfast.compiled.forest_schedule import (
 )
 from holdfast.compiled.traced_chain import Given
 from holdfast.compiled.traced_forest import CLOSING_ROUNDS, TracedForest
-from holdfast.dynamics.tree.closing_derivatives import ClosingPoint
+from holdfast.dynamics.tree.closing_derivatives import STATE, ClosingPoint
 from holdfast.dynamics.tree.forest_balance import power_into
 from holdfast.dynamics.tree.forest_projection import closing_changes
 from holdfast.dynamics.tree.forest_simulate import ForestInstant
-from holdfast.dynamics.tree.mechanism_terms import chain_arguments, chain_arrays_of, chain_results
+from holdfast.dynamics.tree.mechanism_terms import ForestPlace, chain_arguments, chain_arrays_of, chain_results
 from holdfast.dynamics.tree.varied_forest import (
     ForestArguments,
     by_positions,
@@ -44,6 +44,7 @@ from holdfast.simulation.rollout.traced_mechanism import (
     MechanismEvaluation,
     MechanismSystem,
     flat,
+    given_numbers,
     mechanism_externals,
     mechanism_functions,
     mechanism_parameters,
@@ -61,40 +62,72 @@ RATES = ("qd", "object_twist", "floating_twist")
 FORCES = ("qdd", "closure_wrench", "coupling_force")  # of what forward dynamics of a forest returns
 
 
+class VariedNumbers(NamedTuple):
+    """What varies at an instant: arguments of the forest, and numbers of the chain.
+
+    Attributes:
+        given: the arguments of the forest at the instant.
+        names: names of those of its arguments that vary.
+        numbers: where the numbers of the chain that vary are among the arguments of the forest.
+    """
+
+    given: ForestArguments
+    names: Sequence[str]
+    numbers: Sequence[ForestPlace]
+
+    @property
+    def of_forest(self) -> list[str]:
+        """Names of all arguments of the forest that vary, each once."""
+        return [*dict.fromkeys((*self.names, *(place.name for place in self.numbers)))]
+
+    def gradient(self, found: Mapping[str, Array]) -> list[Array]:
+        """Return the gradients by what varies, from those by arguments of the forest; q in the coordinates of qd."""
+        forest, q = self.given.forest, self.given.q
+        own = [by_positions(forest, q, found[name]) if name == "q" else found[name] for name in self.names]
+        return own + [place.of(found) for place in self.numbers]
+
+    def along(self, rates: Sequence[Array]) -> dict[str, Array]:
+        """Return rates of arguments of the forest, from those of what varies."""
+        forest, q, values = self.given.forest, self.given.q, self.given.values(self.of_forest)
+        found = {name: np.zeros(np.shape(x), dtype=object) for name, x in values.items()}
+        for name, rate in zip(self.names, rates, strict=False):
+            found[name] = rates_of_positions(forest, q, rate) if name == "q" else rate
+        for place, rate in zip(self.numbers, rates[len(self.names) :], strict=True):
+            place.add(np.asarray(rate), found)
+        return found
+
+
 class ForwardRule(NamedTuple):
-    """Derivatives of `FORCES` by some of the arguments of a forest, at its solution."""
+    """Derivatives of `FORCES` by what varies, at a solution."""
 
     solved: TracedSolution
-    names: tuple[str, ...]
+    varied: VariedNumbers
 
     def rates(self, *given: Array) -> Sequence[Array]:
-        """Return the rates of the results for given rates of the arguments."""
-        forest, q = self.solved.given.forest, self.solved.given.q
-        along = dict(zip(self.names, given, strict=True))
-        along |= {"q": rates_of_positions(forest, q, along["q"])} if "q" in along else {}
-        found = rates(self.solved, {name: x[..., None] for name, x in along.items()})
+        """Return the rates of the results for given rates of what varies."""
+        along = {name: x[..., None] for name, x in self.varied.along(given).items()}
+        found = rates(self.solved, along)
         return [found[name][..., 0] for name in FORCES]
 
     def gradient(self, *cotangents: Array) -> Sequence[Array]:
-        """Return the gradient of sum(cotangent . result) with respect to every argument."""
-        found = gradients(self.solved, dict(zip(FORCES, cotangents, strict=True)), self.names)
-        forest, q = self.solved.given.forest, self.solved.given.q
-        return [by_positions(forest, q, x) if name == "q" else x for name, x in found.items()]
+        """Return the gradient of sum(cotangent . result) with respect to what varies."""
+        of = dict(zip(FORCES, cotangents, strict=True))
+        return self.varied.gradient(gradients(self.solved, of, self.varied.of_forest))
 
 
 class ClosingRule(NamedTuple):
-    """Derivatives of the changes of positions and rates in a closing round, by both."""
+    """Derivatives of the changes of positions and rates in a closing round, by what varies."""
 
     at: ClosingPoint
+    varied: VariedNumbers
 
-    def rates(self, of_q: Array, of_qd: Array) -> Sequence[Array]:
-        """Return the rates of the changes for given rates of positions and rates."""
-        return self.at.forward(rates_of_positions(self.at.given.forest, self.at.given.q, of_q), of_qd)
+    def rates(self, *given: Array) -> Sequence[Array]:
+        """Return the rates of the changes for given rates of what varies."""
+        return self.at.forward(self.varied.along(given))
 
     def gradient(self, *cotangents: Array) -> Sequence[Array]:
-        """Return the gradient of sum(cotangent . change) with respect to positions and rates."""
-        by_q, by_qd = self.at.backward(cotangents)
-        return by_positions(self.at.given.forest, self.at.given.q, by_q), by_qd
+        """Return the gradient of sum(cotangent . change) with respect to what varies."""
+        return self.varied.gradient(self.at.backward(cotangents, self.varied.of_forest))
 
 
 class VariedForest(TracedForest):
@@ -102,10 +135,19 @@ class VariedForest(TracedForest):
 
     Attributes:
         working: whether the derivatives of the work are computed.
+        tangents: of numbers of the chain, with where these are among the arguments of the forest.
     """
 
-    def __init__(self, forest: Forest, rank: int, made: Forest, taker: Loops | None) -> None:
+    def __init__(
+        self,
+        forest: Forest,
+        rank: int,
+        made: Forest,
+        taker: Loops | None,
+        tangents: Sequence[tuple[ForestPlace, Array]],
+    ) -> None:
         super().__init__(forest, rank, made)
+        self.tangents = tangents
         self.working, self._taker, self._of = False, taker, forest
 
     def instant(self, given: ForestArguments) -> ForestInstant:
@@ -115,7 +157,8 @@ class VariedForest(TracedForest):
         with loops_by(self._taker):
             solved = traced_solution(self._of, {name: bare(x) for name, x in arguments.items()}, self.forest)
             x = forward_outputs(solved)
-        qdd, wrenches, forces = by_rule([x[n] for n in FORCES], ForwardRule(solved, (*varied,)), *varied.values())
+        rule = ForwardRule(solved, self._varied(solved.given, [*varied]))
+        qdd, wrenches, forces = by_rule([x[n] for n in FORCES], rule, *varied.values(), *self._numbers_of(""))
         power = np.array(power_into(given, given.motion({}))) if self.working else np.zeros(OF_WORK)
         q_rates = position_rates(self.forest, given.q, given.qd)
         return ForestInstant(qdd, q_rates, power, wrenches, forces, self.unique, 1.0, self.rank)
@@ -130,9 +173,16 @@ class VariedForest(TracedForest):
             equations = LimbedEquations(now.limbed, now.factors)
             given = ForestArguments(self.forest, here, rates, 0.0 * rates, none)
             at = ClosingPoint(given, [equations.unknowns(x) for x in now.found], equations.at_rest)
-            step, change = by_rule(now.changes, ClosingRule(at), q, qd)
+            rule = ClosingRule(at, self._varied(given, STATE, "link"))
+            step, change = by_rule(now.changes, rule, q, qd, *self._numbers_of("link"))
             q, qd = displaced(self.forest, q, step), qd + change
         return q, qd, (0.0, 0.0)
+
+    def _varied(self, given: ForestArguments, names: Sequence[str], of: str = "") -> VariedNumbers:
+        return VariedNumbers(given, names, [place for place, _ in self.tangents if place.name.startswith(of)])
+
+    def _numbers_of(self, of: str) -> list[Array]:
+        return [x for place, x in self.tangents if place.name.startswith(of)]
 
 
 class VariedMechanism(MechanismSystem):
@@ -153,7 +203,9 @@ class VariedMechanism(MechanismSystem):
         moved = chain_arrays_of(chain, q + position_rates(forest, q, turned), turned)
         own |= {f"last.{name}": moved[field] for name, field in fields.items() if name in POSITIONS}
         super().__init__(of.model, {**given, **own})
-        self.engine: VariedForest = VariedForest(forest, self.engine.rank, self.engine.forest, taker)
+        tangents = [(places[name], varied[name]) for name in given_numbers(chain) if name in varied]
+        rank, made = self.engine.rank, self.engine.forest
+        self.engine: VariedForest = VariedForest(forest, rank, made, taker, tangents)
 
     @staticmethod
     def shapes(chain: ClosedChain) -> dict[str, Shape]:
