@@ -146,10 +146,9 @@ class Tape:
                 parameters of the law, object_wrench, gravity, object_mass, object_com, object_inertia, grasp_pose; if
                 no base moves, base_pose and the length of a `step`; and, if the rollout was compiled with them,
                 link_mass, link_com, link_inertia, link_wrench, and those of a trunk (trunk_link_mass ...). Of a chain
-                with branches the numbers of the chain are none of them. By default the state and all parameters of
-                the law. If the tape begins with systems from `Rollout.start` or
-                `take_over`, the gradients refer to the states passed to these functions, before the projection onto
-                the grasps.
+                with branches only gravity and the numbers of an only object are among them. By default the state and
+                all parameters of the law. If the tape begins with systems from `Rollout.start` or `take_over`, the
+                gradients refer to the states passed to these functions, before the projection onto the grasps.
             threads: as for `Rollout.step`.
 
         Returns:
