@@ -21,7 +21,7 @@ from holdfast.spatial.differentiation import gradient, linearised
 from holdfast.spatial.scalar import Array, Scalar, concatenate
 from holdfast.spatial.symmetric import symmetric_part
 
-STATE = ("q", "qd")
+POSITIONS_AND_RATES = ("q", "qd")
 
 
 class ClosingPoint(NamedTuple):
@@ -37,7 +37,7 @@ class ClosingPoint(NamedTuple):
     changes: Sequence[ForestUnknowns]
     at_rest: Callable[[ForestMotion, ForestUnknowns], ForestUnknowns]
 
-    def backward(self, cotangents: Sequence[Array], by: Sequence[str] = STATE) -> dict[str, Array]:
+    def backward(self, cotangents: Sequence[Array], by: Sequence[str] = POSITIONS_AND_RATES) -> dict[str, Array]:
         """Return the gradients of sum(cotangent . change) by some arguments. O(bodies).
 
         Args:

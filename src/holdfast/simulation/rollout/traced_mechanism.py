@@ -48,7 +48,7 @@ from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
 from holdfast.state import Inputs, State, found_state
 
-OF_OBJECT = ("object_mass", "object_com", "object_inertia")
+OBJECT_NUMBERS = ("object_mass", "object_com", "object_inertia")
 OF_MECHANISM = ("qdd", "object_acceleration", "grasp_wrench", "coupling_force")
 
 
@@ -212,14 +212,14 @@ def evaluation(model: StepModel, given: Given) -> dict[str, Array]:
 
 def given_numbers(chain: ClosedChain) -> tuple[str, ...]:
     """Return the names of the numbers of a chain that are no constants: gravity, and those of an only object."""
-    return ("gravity", *(OF_OBJECT if chain.held_object is not None and len(chain.free_objects) == 1 else ()))
+    return ("gravity", *(OBJECT_NUMBERS if chain.held_object is not None and len(chain.free_objects) == 1 else ()))
 
 
 def with_given(chain: ClosedChain, given: Given) -> Forest:
     """Return a chain's forest with constants and `given_numbers` as its numbers."""
     made = with_constants(chain.as_forest.forest)
     *others, last = made.bodies  # an object comes last
-    if OF_OBJECT[0] in given_numbers(chain):
+    if OBJECT_NUMBERS[0] in given_numbers(chain):
         last = changed(last, link=varied_body(last.link, "object", given, ()))
     return changed(made, bodies=(*others, last), gravity=given["gravity"])
 

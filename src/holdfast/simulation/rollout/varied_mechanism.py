@@ -23,7 +23,7 @@ from holdfast.compiled.forest_schedule import (
 )
 from holdfast.compiled.traced_chain import Given
 from holdfast.compiled.traced_forest import CLOSING_ROUNDS, TracedForest
-from holdfast.dynamics.tree.closing_derivatives import STATE, ClosingPoint
+from holdfast.dynamics.tree.closing_derivatives import POSITIONS_AND_RATES, ClosingPoint
 from holdfast.dynamics.tree.forest_balance import power_into
 from holdfast.dynamics.tree.forest_projection import closing_changes
 from holdfast.dynamics.tree.forest_simulate import ForestInstant
@@ -58,8 +58,8 @@ from holdfast.spatial.scalar import Array, Loops, Scalar
 from holdfast.state import State
 
 POSITIONS = ("q", "object_pose", "floating_pose")  # arrays of a state
-RATES = ("qd", "object_twist", "floating_twist")
-FORCES = ("qdd", "closure_wrench", "coupling_force")  # of what forward dynamics of a forest returns
+TWISTS_AND_RATES = ("qd", "object_twist", "floating_twist")
+OF_FOREST = ("qdd", "closure_wrench", "coupling_force")  # of what forward dynamics of a forest returns
 
 
 class VariedNumbers(NamedTuple):
@@ -98,7 +98,7 @@ class VariedNumbers(NamedTuple):
 
 
 class ForwardRule(NamedTuple):
-    """Derivatives of `FORCES` by what varies, at a solution."""
+    """Derivatives of `OF_FOREST` by what varies, at a solution."""
 
     solved: TracedSolution
     varied: VariedNumbers
@@ -107,11 +107,11 @@ class ForwardRule(NamedTuple):
         """Return the rates of the results for given rates of what varies."""
         along = {name: x[..., None] for name, x in self.varied.along(given).items()}
         found = rates(self.solved, along)
-        return [found[name][..., 0] for name in FORCES]
+        return [found[name][..., 0] for name in OF_FOREST]
 
     def gradient(self, *cotangents: Array) -> Sequence[Array]:
         """Return the gradient of sum(cotangent . result) with respect to what varies."""
-        of = dict(zip(FORCES, cotangents, strict=True))
+        of = dict(zip(OF_FOREST, cotangents, strict=True))
         return self.varied.gradient(gradients(self.solved, of, self.varied.of_forest))
 
 
@@ -158,7 +158,7 @@ class VariedForest(TracedForest):
             solved = traced_solution(self._of, {name: bare(x) for name, x in arguments.items()}, self.forest)
             x = forward_outputs(solved)
         rule = ForwardRule(solved, self._varied(solved.given, [*varied]))
-        qdd, wrenches, forces = by_rule([x[n] for n in FORCES], rule, *varied.values(), *self._numbers_of(""))
+        qdd, wrenches, forces = by_rule([x[n] for n in OF_FOREST], rule, *varied.values(), *self._numbers_of(""))
         power = np.array(power_into(given, given.motion({}))) if self.working else np.zeros(OF_WORK)
         q_rates = position_rates(self.forest, given.q, given.qd)
         return ForestInstant(qdd, q_rates, power, wrenches, forces, self.unique, 1.0, self.rank)
@@ -173,7 +173,7 @@ class VariedForest(TracedForest):
             equations = LimbedEquations(now.limbed, now.factors)
             given = ForestArguments(self.forest, here, rates, 0.0 * rates, none)
             at = ClosingPoint(given, [equations.unknowns(x) for x in now.found], equations.at_rest)
-            rule = ClosingRule(at, self._varied(given, STATE, "link"))
+            rule = ClosingRule(at, self._varied(given, POSITIONS_AND_RATES, "link"))
             step, change = by_rule(now.changes, rule, q, qd, *self._numbers_of("link"))
             q, qd = displaced(self.forest, q, step), qd + change
         return q, qd, (0.0, 0.0)
@@ -194,7 +194,7 @@ class VariedMechanism(MechanismSystem):
         chain = of.model.structure.chain
         fields = state_fields(chain)
         own = own_numbers(varied) | {n: given[n] + varied[n] for n in INPUT_FIELDS if n in varied}
-        own |= {f"last.{name}": varied[name] for name in RATES if name in varied}
+        own |= {f"last.{name}": varied[name] for name in TWISTS_AND_RATES if name in varied}
         state = State(**{field: given[f"last.{name}"] for name, field in fields.items()})
         forest, q = chain.as_forest.forest, flat(state)[0]
         turned, places = np.zeros(forest.velocity_count, dtype=object), chain_arguments(chain)
