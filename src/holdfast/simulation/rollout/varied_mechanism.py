@@ -111,7 +111,7 @@ class ForwardRule(NamedTuple):
 
     def gradient(self, *cotangents: Array) -> Sequence[Array]:
         """Return the gradient of sum(cotangent . result) with respect to what varies."""
-        of = dict(zip(OF_FOREST, cotangents, strict=True))
+        of: dict[str, Array] = dict(zip(OF_FOREST, cotangents, strict=True))
         return self.varied.gradient(gradients(self.solved, of, self.varied.of_forest))
 
 
