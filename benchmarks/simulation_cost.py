@@ -116,7 +116,7 @@ def costs() -> Iterator[tuple[str, float]]:
 
 
 def of_rollouts() -> Iterator[str]:
-    """Yield a line for rollouts of several chains: operations of a step, and its time for one system and in a batch."""
+    """Yield a line for rollouts of several chains: operations of a step, its time alone, in a batch, with gradients."""
     rigid, state = facing_pandas()
     handy, open_hands = with_grippers(rigid, state)
     for what, chain, start in (("two Pandas", rigid, state), ("with two fingers each", handy, open_hands)):
@@ -129,8 +129,13 @@ def of_rollouts() -> Iterator[str]:
                 systems = rollout.start(q, start.qd, start.object_pose, start.object_twist, tau=tau)
                 run = lambda s=systems, n=steps, r=rollout: r.step(s.copy(), STEP, steps=n, threads=1)  # noqa: E731
                 times.append(1e6 * least_time(run, 1, ROUNDS) / (steps * count))
+            back = lambda s=systems, r=rollout: r.tape(s, STEP, steps=20, threads=1).vjp({"q": s.q}, threads=1)  # noqa: E731
+            times.append(1e6 * least_time(back, 1, ROUNDS) / (20 * 512))
             operations = rollout.kernel.step_code.schedule.operation_count
-            yield f"{what}, {scheme}: {operations:,} operations, one {times[0]:.1f} us, of 512 {times[1]:.2f} us each"
+            yield (
+                f"{what}, {scheme}: {operations:,} operations, one {times[0]:.1f} us, of 512 {times[1]:.2f} us each,"
+                f" with gradients {times[2]:.2f} us"
+            )
 
 
 def table() -> str:

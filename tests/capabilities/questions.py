@@ -147,7 +147,7 @@ def through_steps(c: Case) -> Any:
     """Return gradients of joint positions after two steps by what they were and by torques."""
     made, systems = started(c)
     tape = made.tape(systems, STEP, steps=2)
-    found = tape.vjp({"q": np.ones_like(systems.q)}, by=("q", "tau"))
+    found = tape.vjp({"q": np.ones_like(systems.qd)}, by=("q", "tau"))
     return [found.q, found.tau]
 
 

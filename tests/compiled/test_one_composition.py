@@ -20,7 +20,7 @@ from holdfast.dynamics.projection import STEP_ROUNDS
 from holdfast.questions.question import QUESTIONS
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout import traced_step
-from holdfast.simulation.rollout.kernel import step_externals
+from holdfast.simulation.rollout.step_code import carried_shapes, step_externals
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.dynamics.problems import random_problem
@@ -92,7 +92,8 @@ def stepping():
     stepper = ReferenceStepper(Environment(chain), lambda t, state, memory: (problem.tau, memory), 18, RK4)
     law = held_torques(chain.joint_count)
     step = partial(traced_step.step, traced_step.StepModel(structure, law, {}, None), RK4)
-    traced = functions_run(lambda: traced_chain.traced(step_externals(structure, law), step), ("",), ())
+    arrays = step_externals(structure, law, carried_shapes(chain, law, structure.options))
+    traced = functions_run(lambda: traced_chain.traced(arrays, step), ("",), ())
     now, _ = stepper.start(0.0, problem.state, None)
     return SimpleNamespace(chain=chain, state=problem.state, stepper=stepper, now=now, traced=traced)
 

@@ -23,12 +23,37 @@ from holdfast.dynamics.tree.limbed_solution import (
     solved_with_limbs,
 )
 from holdfast.dynamics.tree.limbs import LimbArm, LimbedMotion, limb_arms, limbed_motion
+from holdfast.dynamics.tree.outward import ForestFactors
 from holdfast.dynamics.tree.plan import plan_of
 from holdfast.dynamics.tree.varied_forest import ForestArguments, damping_torques, spring_torques
 from holdfast.dynamics.tree.virtual_power import ForestUnknowns, unknowns_of
 from holdfast.model.forest import Forest, ForestBody
 from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array, array, concatenate, maximum, where
+
+
+class LimbedEquations(NamedTuple):
+    """The equations of a forest with limbs, for other right-hand sides.
+
+    Attributes:
+        limbed: its motion.
+        factors: its factors.
+    """
+
+    limbed: LimbedMotion
+    factors: ForestFactors
+
+    def unknowns(self, x: LimbedAccelerations) -> ForestUnknowns:
+        """Return accelerations and forces in the layout of the equations."""
+        motion = self.limbed.motion
+        rates = [x.qdd[k] if b is None or not b.floats else x.beta[k] for k, b in enumerate(motion.bodies)]
+        forces = [x.wrenches[i] for i in range(len(motion.closures))]
+        return unknowns_of(motion, rates, forces, [x.multipliers[i] for i in range(len(motion.couplings))])
+
+    def at_rest(self, _: ForestMotion, r: ForestUnknowns) -> ForestUnknowns:
+        """Return the solution of K z = r by the factors at hand; see `solved_at_rest`."""
+        sides = [-x for x in r.closures], [-x for x in r.couplings], r.rates
+        return self.unknowns(solved_again(self.limbed, self.factors, *sides))
 
 
 class TracedSolution(NamedTuple):
@@ -44,28 +69,24 @@ class TracedSolution(NamedTuple):
     limbed: LimbedMotion
     found: LimbedSolution
 
-    def unknowns(self, x: LimbedAccelerations) -> ForestUnknowns:
-        """Return accelerations and forces in the layout of the equations."""
-        motion = self.limbed.motion
-        rates = [x.qdd[k] if b is None or not b.floats else x.beta[k] for k, b in enumerate(motion.bodies)]
-        forces = [x.wrenches[i] for i in range(len(motion.closures))]
-        return unknowns_of(motion, rates, forces, [x.multipliers[i] for i in range(len(motion.couplings))])
-
-    def at_rest(self, _: ForestMotion, r: ForestUnknowns) -> ForestUnknowns:
-        """Return the solution of K z = r by the factors at hand; see `solved_at_rest`."""
-        sides = [-x for x in r.closures], [-x for x in r.couplings], r.rates
-        return self.unknowns(solved_again(self.limbed, self.found.factors, *sides))
-
     @property
     def point(self) -> ForestPoint:
         """The same for derivatives."""
-        z = self.unknowns(self.found.accelerations)
-        return ForestPoint(self.given, self.limbed.motion, z, None, self.at_rest)
+        equations = LimbedEquations(self.limbed, self.found.factors)
+        z = equations.unknowns(self.found.accelerations)
+        return ForestPoint(self.given, self.limbed.motion, z, None, equations.at_rest)
 
 
-def traced_solution(forest: Forest, given: Given) -> TracedSolution:
-    """Return forward dynamics by running the reference's functions on traced arrays."""
-    made, qd, tau, wrenches = with_constants(forest), given["qd"], given["tau"], given.get("link_wrench")
+def traced_solution(forest: Forest, given: Given, made: Forest | None = None) -> TracedSolution:
+    """Return forward dynamics by running the reference's functions on traced arrays.
+
+    Args:
+        forest: the forest.
+        given: traced arrays of its state, torques and wrenches.
+        made: the forest with constants and traced numbers in place of its own; by default all are constants.
+    """
+    made, qd, tau = with_constants(forest) if made is None else made, given["qd"], given["tau"]
+    wrenches = given.get("link_wrench")
     arms, q = with_constant_arms(forest), unit_positions(forest, given["q"])
     torque = tau - damping_torques(made, qd) - spring_torques(made, given["q"])
     limbed = limbed_motion(made, arms, q, qd, torque, wrenches)

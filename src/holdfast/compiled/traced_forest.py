@@ -39,13 +39,14 @@ class TracedForest:
     """A forest in a step that is traced; see `StepEngine`.
 
     Attributes:
-        forest: the forest, all numbers of which are constants of the code.
+        forest: the forest, whose numbers are constants of the code, but for those that are traced.
         rank: rank of its constraint; an instant with another one has the status SINGULAR.
         worst: (2,) largest condition and status of all instants so far.
     """
 
-    def __init__(self, forest: Forest, rank: int) -> None:
-        self.forest, self.rank, self.worst = with_constants(forest), rank, np.zeros(2)
+    def __init__(self, forest: Forest, rank: int, made: Forest) -> None:
+        """Store the forest with its own numbers, and as it is `made` of constants and traced numbers."""
+        self.forest, self.rank, self.worst = made, rank, np.zeros(2)
         self._numbers, self._arms = forest, with_constant_arms(forest)
 
     @property
@@ -55,7 +56,7 @@ class TracedForest:
 
     def instant(self, given: ForestArguments) -> ForestInstant:
         """See `StepEngine`."""
-        x = traced_instant(self._numbers, given)
+        x = traced_instant(self._numbers, given, self.forest)
         status = where(abs(x["rank"] - float(self.rank)) < 0.5, x["status"], float(SINGULAR))
         self.worst = maximum(self.worst, array([x["condition"], status]))
         found = {name: x[name] for name in ForestInstant._fields if name in x}
@@ -63,9 +64,10 @@ class TracedForest:
 
     def closed(self, q: Array, qd: Array) -> tuple[Array, Array, tuple[Scalar, Scalar]]:
         """See `StepEngine`; gaps that two rounds do not close are left."""
+        forest, arms = self.forest, self._arms
 
         def taken(at: tuple[Array, Array], _: Scalar) -> tuple[tuple[Array, Array], tuple[Scalar, Scalar]]:
-            now = closing_round(self.forest, *at, self._arms)
+            now = closing_round(forest, *at, arms)
             return (now.q, now.qd), (now.position_gap, now.velocity_gap)
 
         (q, qd), gaps = scan(taken, (q, qd), [0.0] * CLOSING_ROUNDS)
@@ -82,16 +84,17 @@ class TracedForest:
         return closure_margins(self._numbers, given.motion({}), now, contacts, self.rank)
 
 
-def traced_instant(forest: Forest, given: ForestArguments) -> dict[str, Any]:
+def traced_instant(forest: Forest, given: ForestArguments, made: Forest | None = None) -> dict[str, Any]:
     """Return what a step needs of a forest at one time, and the status of its forward dynamics.
 
     Args:
         forest: the forest.
         given: its traced arguments, with constants as its numbers.
+        made: as for `traced_solution`.
     """
     arguments = {"q": given.q, "qd": given.qd, "tau": given.tau, "link_wrench": given.wrenches}
     rates, power = position_rates(given.forest, given.q, given.qd), array(power_into(given, given.motion({})))
-    return forward_outputs(traced_solution(forest, arguments)) | {"q_rates": rates, "power": power}
+    return forward_outputs(traced_solution(forest, arguments, made)) | {"q_rates": rates, "power": power}
 
 
 def limited_closures(forest: Forest) -> list[bool]:

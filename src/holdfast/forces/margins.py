@@ -215,12 +215,15 @@ def joint_coordinates(chain: ClosedChain, q: Array) -> Array:
     """Return the positions of joints in the order of qd, (..., n); 0 for a spherical joint, which has no limits."""
     if chain.position_count == chain.joint_count:
         return q
-    found, p, v = np.zeros((*q.shape[:-1], chain.joint_count), q.dtype), 0, 0
-    for joint in chain.all_joints:
-        if not joint.type.quaternion:
-            found[..., v] = q[..., p]
-        p, v = p + joint.type.position_count, v + joint.type.freedoms
+    found = np.zeros((*q.shape[:-1], chain.joint_count), q.dtype)
+    found[..., [not joint.type.quaternion for joint in chain.freedoms]] = q[..., ~quaternion_entries(chain)]
     return found
+
+
+def quaternion_entries(chain: ClosedChain) -> Array:
+    """Return for every entry of q whether it is one of a spherical joint, which has four."""
+    entries = [joint.type.quaternion for joint in chain.all_joints for _ in range(joint.type.position_count)]
+    return np.array(entries, dtype=bool)
 
 
 def margins_of_joints(limits: JointLimits, q: Array, qd: Array, tau: Array) -> JointMargins:

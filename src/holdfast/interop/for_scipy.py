@@ -12,7 +12,7 @@ import numpy as np
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.derivative_schedule import derivative_shapes
 from holdfast.dynamics.projection import turned_and_shifted
-from holdfast.errors import SingularChainError, StateError
+from holdfast.errors import MethodNotApplicable, SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.questions.arrays import POSES, STATE_AND_TORQUES
 from holdfast.simulation.rollout.rollout import Rollout
@@ -111,6 +111,7 @@ def value_and_gradient(
         infinite and its gradient zero, so that line searches turn back; at `x0` that is refused.
 
     Raises:
+        MethodNotApplicable: the positions of spherical joints are unknowns.
         StateError: names that are not there, an unknown without a value; of its calls: what the cost returns is no
             such pair, or there is no answer at `x0`.
     """
@@ -128,6 +129,11 @@ def value_and_gradient(
     if not rolls:
         _require_state("value_and_gradient", arguments)
     given = arguments | rows | ({"step": step} if rolls else {})
+    if rolls and "q" in by and dynamics.chain.position_count != dynamics.chain.joint_count:
+        raise MethodNotApplicable(
+            "value_and_gradient: by: q: expected joints with one coordinate each, got a spherical one, whose quaternion"
+            " is not free; try other unknowns, or Tape.vjp, whose gradient is by its rotation"
+        )
     for name in by:
         if name not in given:
             raise StateError(f"value_and_gradient: by: {name}: expected a value to begin with, got none")

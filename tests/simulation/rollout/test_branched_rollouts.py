@@ -103,7 +103,7 @@ def test_records(tmp_path):
 
 
 def test_sweeps(tmp_path):
-    """Runs of a sweep are rollouts with initial states and torques of their own; numbers of the chain cannot differ."""
+    """Runs of a sweep are rollouts with initial states and torques of their own; frames of the chain cannot differ."""
     p, duration = palletiser(), 0.01
     tau = p.tau * np.linspace(0.0, 1.0, 5)[:, None]
     options: dict[str, Any] = {"count": 5, "duration": duration, "step": STEP, "chunk": 2, "scheme": "midpoint"}
@@ -113,8 +113,8 @@ def test_sweeps(tmp_path):
     systems = lifting().start(**given(p.chain, p.state, 5), tau=tau)
     lifting().step(systems, STEP, steps=10)
     assert (np.stack([swept.column(f"q {name} [rad]") for name in p.chain.joint_names()], axis=1) == systems.q).all()
-    with pytest.raises(StateError, match="gravity"):
-        hf.sweep(p.chain, state=p.state, parameters={"gravity": np.zeros(3)}, store=tmp_path / "no", **options)
+    with pytest.raises(StateError, match="base_pose"):
+        hf.sweep(p.chain, state=p.state, parameters={"base_pose": np.eye(7)[:1]}, store=tmp_path / "no", **options)
 
 
 def test_statuses():
@@ -144,13 +144,11 @@ def test_refusals():
         hf.compile_rollout(p.chain, scheme="dop853")
     with pytest.raises(StateError, match="generic_rank: expected an integer from 0 to 3"):
         hf.compile_rollout(p.chain, generic_rank=4)
-    with pytest.raises(MethodNotApplicable, match="tape: chain: expected serial arms"):
-        rollout.tape(systems, STEP, steps=1)
     with pytest.raises(MethodNotApplicable, match="to_jax: rollout: chain: expected serial arms"):
         JaxRollout(rollout, None, (), STEP, 1, ())
     with pytest.raises(StateError, match="qd"):
         rollout.start(p.state.q, None)
-    for name in ("gravity", "link_mass"):
+    for name in ("base_pose", "object_mass", "link_mass"):
         with pytest.raises(StateError, match=f"{name}: expected none"):
             rollout.step(systems, STEP, **{name: np.zeros(3)})
     with pytest.raises(StateError, match="joint 'robot/wrist' is passive"):
@@ -236,6 +234,26 @@ def test_the_instant_of_a_slip(kinds):
     assert gap(record.stopped[[0, 2]], slip) < 1e-9
     run = record.trajectory(1)
     assert gap(run.margin[:, :2].min(axis=1), np.full(len(run), record.systems.margin[1].min())) < 1e-9
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["palletiser", "on a shoulder"])
+def test_parameters(name):
+    """Gravity and an only object of each system, as in runs of other chains."""
+    p = branched_problems()[name]
+    held, gravity, chains = p.chain.held_object, np.array([1.0, -2.0, -3.0]), [p.chain]
+    own: dict[str, Any] = {"gravity": np.array([p.chain.gravity, gravity])}
+    chains.append(replace(p.chain, gravity=gravity))
+    if held is not None:
+        other = replace(held, mass=2.0 * held.mass, com=np.array([0.01, 0.02, -0.01]), inertia=3.0 * held.inertia)
+        own |= {f"object_{what}": [getattr(x, what) for x in (held, other)] for what in ("mass", "com", "inertia")}
+        chains[1] = replace(chains[1], held_object=other)
+    rollout = hf.compile_rollout(p.chain, scheme="midpoint")
+    record = rollout.run(rollout.start(**given(p.chain, p.state, 2), tau=p.tau, **own), 10 * STEP, STEP)
+    law = lambda t, state, memory: (p.tau, memory)  # noqa: E731
+    for row, chain in enumerate(chains):
+        assert_same_run(record.trajectory(row), hf.simulate(chain, p.state, law, 10 * STEP, STEP, scheme="midpoint"))
+    assert gap(record["q"][-1, 0], record["q"][-1, 1]) > 1e-5
 
 
 @pytest.mark.long

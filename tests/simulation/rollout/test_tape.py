@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from examples.benchmarks import four_bar
 from scipy.optimize import brentq
 
 import holdfast as hf
@@ -270,7 +269,12 @@ def test_springs_between_bodies():
 @pytest.mark.long
 def test_many_holds():
     """A planar loop in space: rows of the grasps follow from others, and forces are refused."""
-    chain = replace(four_bar.four_bar(1.0), springs=())
+    turned, inertia = np.eye(3)[[1, 2, 0]], np.eye(3) / 12  # hinges turn about z
+    links = [hf.Link(1.0, (0.5, 0, 0), inertia)]
+    crank = hf.Arm([hf.Joint("revolute", (0, 0, 1))], links, tip=hf.Pose(turned, (1.0, 0, 0)))
+    arms = {"left": crank, "right": crank.at(hf.Pose.translation(1.0, 0, 0))}
+    grasps = {name: hf.Grasp("hinge", hf.Pose(turned, (x, 0, 0))) for name, x in (("left", -0.5), ("right", 0.5))}
+    chain = hf.ClosedChain(arms, hf.HeldObject(1.0, inertia), grasps, gravity=(0, -9.81, 0))
     state = hf.State([2.2] * 2, [0.3] * 2, [1, 0, 0, 0, 0.5 + np.cos(2.2), np.sin(2.2), 0])
     p = Problem(chain, hf.project(chain, state)[0], np.array([0.1, -0.2]), hf.Inputs())
     rolled = Rolled(p, along=("qdd",))

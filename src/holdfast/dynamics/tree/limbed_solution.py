@@ -154,7 +154,7 @@ def solved_again(
 
 def changes_with_limbs(
     limbed: LimbedMotion, plan: EliminationPlan, sides: Sequence[tuple[list[Array], list[Scalar]]]
-) -> tuple[Scalar, list[Array]]:
+) -> tuple[ForestFactors, list[LimbedAccelerations]]:
     """Return the rank, and the smallest changes of rates in the kinetic metric with given effects on the rows.
 
     Args:
@@ -163,15 +163,10 @@ def changes_with_limbs(
         sides: per change, its effect on the rows of closures, (rows,) each, and of couplings.
 
     Returns:
-        The rank of the rows, and per change (n_v,) in the coordinates of qd.
+        The factors, and the changes, those of free bodies at their mass centres.
     """
-    motion, found = limbed.motion, []
-    factors, _ = factorised(motion, plan)
-    for gaps, coupled in sides:
-        moved = _at_rest_with(limbed, factors, gaps, coupled)
-        rates = [moved.qdd[k] if body is None else body.of_frame(moved.qdd[k]) for k, body in enumerate(motion.bodies)]
-        found.append(concatenate(rates))
-    return factors.rank, found
+    factors, _ = factorised(limbed.motion, plan)
+    return factors, [_at_rest_with(limbed, factors, gaps, coupled) for gaps, coupled in sides]
 
 
 def _accelerations(

@@ -155,6 +155,14 @@ def position_rates(forest: Forest, q: Array, qd: Array) -> Array:
     return concatenate([*parts, qd[done:]])
 
 
+def by_positions(forest: Forest, q: Array, by_turns: Array) -> Array:
+    """Return the gradient with respect to positions, (n_q,), from that in the coordinates of qd, (n_v,)."""
+    scaled = by_turns.copy()
+    for _, turning in forest.quaternions:  # position_rates / |half a unit quaternion|^2
+        scaled[turning] = 4.0 * by_turns[turning]
+    return position_rates(forest, q, scaled)
+
+
 def rates_of_positions(forest: Forest, q: Array, rates: Array) -> Array:
     """Return qd, (n_v,), from dq/dt, (n_q,): the inverse of `position_rates`, also of quaternions of other lengths."""
     parts, done = [], 0

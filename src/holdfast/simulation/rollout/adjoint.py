@@ -13,9 +13,9 @@ from holdfast.compiled.kernels import batch_kernel
 from holdfast.compiled.traced_chain import Given
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
-from holdfast.questions.arrays import CONTACTS, gradient_shapes, shapes, state_fields
+from holdfast.questions.arrays import CONTACTS, shapes, state_fields
 from holdfast.simulation.balance import WORK_TERMS
-from holdfast.simulation.rollout.kernel import StepKernel, step_externals
+from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.varied_step import LAW_PREFIX, MARGIN_RESULT, WORK_RESULT, VariedStep
 from holdfast.simulation.runge_kutta import EULER, Tableau
 from holdfast.spatial.scalar import Array
@@ -46,7 +46,7 @@ class AdjointKernel:
         self._shapes = adjoint_shapes(step, self.by, self.of)
         if tableau is None:  # the projection does not depend on the law
             del self._shapes[f"{WITH}{BEFORE}"]
-        own = step_externals(step.structure, step.law)
+        own = step.externals
         unused = [name for name in UNUSED if name != CONTACTS or MARGIN_RESULT not in self.of]
         plain = {name: e for name, e in own.items() if e.role != "carried" and name not in unused}
         states = [f"last.{name}" for name in (*state_fields(step.chain), "before", "count")]
@@ -58,7 +58,7 @@ class AdjointKernel:
         found |= {name: External(shape, "output") for name, shape in self._shapes.items() if name.startswith(FOUND)}
         self.externals = {name: e for name, e in found.items() if math.prod(e.shape)}
         scheme = "closing" if tableau is None else tableau.name
-        model = VariedStep(step.model, tableau or EULER)
+        model = VariedStep(step.model, tableau or EULER, kind=step.code.varied)
         what = f"adjoint/{scheme}/{','.join(self.by)};{','.join(self.of)}"
         self._code = batch_kernel(
             step.computation(what, self.externals, self._gradients(model, tableau)), what="gradients of steps"
@@ -74,10 +74,11 @@ class AdjointKernel:
 
     def _gradients(self, model: VariedStep, tableau: Tableau | None) -> Any:
         def gradients(given: Given) -> dict[str, Array]:
-            whole = {"last.before": np.zeros(0)} | dict(given)
+            own = {name: e.shape for name, e in self._step.externals.items() if not math.prod(e.shape)}
+            whole = {"last.before": np.zeros(0)} | {name: np.zeros(shape) for name, shape in own.items()} | dict(given)
             linear = model.closing(whole, self.by) if tableau is None else model.linear(whole, self.by, self.of)
             cotangents = {name.removeprefix(WITH): x for name, x in given.items() if name.startswith(WITH)}
-            return {f"{FOUND}{name}": x for name, x in linear.gradient(cotangents).items()}
+            return {f"{FOUND}{name}": x for name, x in linear.gradient(cotangents).items() if x.size}
 
         return gradients
 
@@ -103,10 +104,9 @@ class AdjointKernel:
 
 def adjoint_shapes(step: StepKernel, by: Sequence[str], of: Sequence[str]) -> dict[str, Shape]:
     """Return the shapes of cotangents and gradients, with the names of the machine code; poses have shape (6,)."""
-    known = shapes(step.chain) | gradient_shapes(step.chain)
+    known = shapes(step.chain) | step.code.varied.shapes(step.chain)
     known |= dict.fromkeys((BEFORE, "memory"), (len(step.law.memory),))
-    known |= dict.fromkeys(("object_pose", "floating_pose"), (6,))
-    known |= {"step": (), MARGIN_RESULT: (len(step.chain.grasps),), WORK_RESULT: (len(WORK_TERMS),)}
+    known |= {"step": (), MARGIN_RESULT: step.carried.get("margin", (0,)), WORK_RESULT: (len(WORK_TERMS),)}
     known |= {f"{LAW_PREFIX}{name}": tuple(shape) for name, shape in step.law.parameters.items()}
     states = (*state_fields(step.chain), BEFORE)
     return {f"{WITH}{name}": known[name] for name in (*states, *of)} | {f"{FOUND}{name}": known[name] for name in by}

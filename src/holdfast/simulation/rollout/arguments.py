@@ -16,7 +16,6 @@ from holdfast.dynamics.tree.mechanism_terms import require_passive
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import answered_as_forest
 from holdfast.questions.arrays import FLOATING, LINKS, STATE, TRUNK_LINKS, shapes, state_fields
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.systems import RolloutSystems
@@ -86,7 +85,7 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
             a torque.
     """
     laws, chains = kernel.law.parameters, {}
-    fixed = answered_as_forest(kernel.chain)
+    fixed = kernel.code.constant
     known = [*chain_arguments(kernel), *(name for name in LINK_ARGUMENTS if name in kernel.externals)]
     found: dict[str, Array] = {}
     for name, x in given.items():
@@ -100,8 +99,8 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
             chains[name] = x
         elif fixed and name in CHAINS + LINK_ARGUMENTS and name not in WRENCHES:
             raise StateError(
-                f"{name}: expected none, as all numbers of a chain that is answered as a forest are constants of its"
-                " machine code; try a rollout of another chain"
+                f"{name}: expected none, as the numbers of a chain that is answered as a forest are constants of its"
+                " machine code, but for gravity and those of an only object; try a rollout of another chain"
             )
         elif name in LINK_ARGUMENTS:
             option = "link_wrench" if name in WRENCHES else "link_inertia"
@@ -118,7 +117,7 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
 
 def chain_arguments(kernel: StepKernel) -> list[str]:
     """Return those of `CHAINS` that a kernel takes; chains that are answered as forests are constants of theirs."""
-    return [name for name in CHAINS if name in kernel.externals] if answered_as_forest(kernel.chain) else [*CHAINS]
+    return [name for name in CHAINS if name in kernel.externals] if kernel.code.constant else [*CHAINS]
 
 
 def kernel_arguments(kernel: StepKernel, given: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:

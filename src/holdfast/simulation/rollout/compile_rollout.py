@@ -43,8 +43,9 @@ def compile_rollout(
     before, which the systems keep as `touch_force`, and are found anew where these do not lead to impulses that satisfy
     the laws; the status of a system in which none are found is UNLAWFUL.
 
-    All numbers of a chain with branches, loops, couplings or several objects are constants of the machine code, and the
-    rank of its constraint is that of the first system: another one is SINGULAR. Its passive joints take no torque.
+    Numbers of a chain with branches, loops, couplings or several objects are constants of the machine code, but for
+    gravity and those of an only object, and the rank of its constraint is that of the first system: another one is
+    SINGULAR. Its passive joints take no torque.
 
     Args:
         chain: arms, object and grasps.
@@ -114,7 +115,7 @@ def _require_of_forest(chain: ClosedChain, scheme: str, base_motion: object, par
     if checks.is_listed(parameters) and "link_inertia" in parameters:  # pyright: ignore[reportOperatorIssue]
         raise MethodNotApplicable(
             "rollout: parameters: expected 'link_wrench' or none for a chain that is answered as a forest, got"
-            " 'link_inertia': all its numbers are constants of the machine code; try a rollout of another chain"
+            " 'link_inertia': its links are constants of the machine code; try a rollout of another chain"
         )
 
 

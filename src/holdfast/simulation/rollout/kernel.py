@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -14,96 +12,26 @@ import numpy as np
 
 from holdfast.compiled.computation import Computation
 from holdfast.compiled.kernels import batch_kernel
-from holdfast.compiled.parameters import parameters_of
-from holdfast.compiled.structure import Options, Structure
-from holdfast.compiled.traced_chain import Given, externals, framed, traced
+from holdfast.compiled.structure import Options
+from holdfast.compiled.traced_chain import Given, framed, traced
 from holdfast.compiler.kernel import BatchKernel, address_of
-from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.control.compiled_law import PACKAGES
 from holdfast.control.controller import ControlLaw
 from holdfast.control.traced_law import law_key
 from holdfast.errors import StateError
-from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
-from holdfast.questions.arrays import BASE_MOTION, CONTACTS, link_parameters, shapes
 from holdfast.simulation.accounts import Forces
-from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.environment import GivenInputs
-from holdfast.simulation.increment import increment_size
 from holdfast.simulation.joint_friction import joint_friction
-from holdfast.simulation.rollout import stage_values, traced_impulses, traced_step
+from holdfast.simulation.rollout import traced_step
 from holdfast.simulation.rollout.between_steps import SMALLEST_FORCES, SystemQuestion
+from holdfast.simulation.rollout.step_code import SERIAL_STEP, StepCode
+from holdfast.simulation.rollout.traced_step import StepModel
 from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
-
-ALWAYS_CARRIED = ("q", "qd", "qdd", "drive", "grasp_wrench", "base_wrench")  # also without joints or grasps
-STEP_INPUTS = ("begin", "step", "held", "least_margin", "least_joint_margin", "search")
-STEP_PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
-
-
-def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dict[str, Shape]:
-    """Return the shapes of the arrays that a system carries between two steps, by name.
-
-    Arrays without entries are left out, except those that every run records.
-
-    Args:
-        chain: the chain.
-        law: its control law.
-        options: options of the machine code.
-    """
-    grasps = (len(chain.grasps),)
-    own = own_shapes(chain.joint_count, *grasps, len(law.memory), options)
-    known = shapes(chain) | own | {"slope": (increment_size(chain),), TOUCH_WRENCH: (6,)}
-    found = {name: known[name] for name in traced_step.step_results(chain)}
-    found = {**found, **own}
-    found |= {"error": ()} if options.adaptive else {}
-    found |= {stage_values.ASKED: stage_values.asked_shape(chain, options.stages)} if options.stages else {}
-    if options.held:  # for velocity and, if they differ, for position; see `dynamics.closed.held_rows`
-        found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
-    return {name: shape for name, shape in found.items() if math.prod(shape) or name in ALWAYS_CARRIED}
-
-
-def own_shapes(joints: int, margins: int, memory: int, options: Options) -> dict[str, Shape]:
-    """Return the shapes of those of these arrays that are only of steps, by name, without the slope.
-
-    Args:
-        joints: number of joints.
-        margins: number of margins.
-        memory: size of the law's memory.
-        options: options of the machine code.
-    """
-    found: dict[str, Shape] = {"drive": (joints,), "memory": (memory,), "rank": (), "condition": ()}
-    found |= {"margin": (margins,), "work": (4,), "gaps": (4,), "code": (), "count": (), "before": (memory,)}
-    found |= {"worst_margin": (margins,), "worst_time": (margins,)}
-    return found | ({"resolution": (4,)} if options.resolution else {})
-
-
-def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:
-    """Return the arrays of a step: inputs, parameters, and carried arrays."""
-    chain, options = structure.chain, structure.options
-    own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "keep_rows", "notice", "generic_rank"), ()) | {
-        "tolerance": (2,)
-    }
-    n = chain.joint_count
-    own |= {"limits": (4, n), "added_armature": (n,), "added_torque": (n,)}
-    of_law = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
-    inputs = [*STEP_INPUTS, "object_wrench", *of_law]
-    if options.link_wrenches:
-        inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
-    inputs += ["keep_rows"] if options.held else []
-    inputs += ["notice"] if options.resolution else []
-    inputs += ["tolerance"] if options.adaptive else []
-    inputs += ["added_armature", "added_torque"] if options.implicit else []
-    parameters = [*STEP_PARAMETERS, *(link_parameters(chain) if options.link_inertia else ())]
-    parameters += BASE_MOTION if options.base_motion else ()
-    parameters += ["grasp_R", "grasp_p", CONTACTS, "limits"]
-    states = carried_shapes(chain, law, options)
-    carried = {f"last.{name}": External(shape, "carried") for name, shape in states.items()}
-    return externals(inputs, parameters, (), shapes(chain) | own | of_law) | carried
-
 
 Systems = dict[str, Array]  # carried arrays by name, (systems, *shape) each
 
@@ -168,6 +96,7 @@ class StepKernel:
         structure: the structure of the chain for the compiler.
         model: chain, law and surroundings together, for tracing.
         generic_rank: rank of the constraint away from singular configurations; -1 if it is unknown.
+        code: how steps of this kind of chain become machine code.
         adjoints: the adjoint kernels created so far.
         carried: shapes of the arrays that a system carries between two steps.
         externals: input and output arrays of the machine code.
@@ -186,49 +115,26 @@ class StepKernel:
         acting: GivenInputs | None = None,
         options: Options | None = None,
         quick: bool = False,
+        code: StepCode = SERIAL_STEP,
     ) -> None:
         """Store what is to be compiled at the first step; `quick` shortens the compilation at the cost of run time."""
         self.chain, self.law, self.motions, self.acting = chain, law, dict(motions or {}), acting
-        self.generic_rank = generic_rank
-        self.structure = structure = self.structured(options or Options())
-        self.carried = self.carried_shapes()
-        self.externals = externals = self.step_externals()
-        self.model = traced_step.StepModel(structure, law, self.motions, acting)
-        step, slopes = self.functions(tableau)
+        self.generic_rank, self.code = generic_rank, code
+        self.structure = structure = code.structure(chain, options or Options(), generic_rank)
+        self.carried = code.carried(chain, law, structure.options)
+        self.externals = externals = code.externals(structure, law, self.carried)
+        self.model = StepModel(structure, law, self.motions, acting)
+        step, slopes = code.functions(self.model, tableau)
         self.step_code = batch_kernel(self.computation(f"step/{tableau.name}", externals, step), quick)
         self._slopes = batch_kernel(self.computation("evaluation", externals, slopes), quick)
         self._questions: dict[SystemQuestion, tuple[BatchKernel, Table, Mapping[str, External]]] = {}
         self.adjoints: dict[Any, Any] = {}  # values are `adjoint.AdjointKernel`, created on demand
-        own = self.own_parameters()
+        own = code.parameters(chain, generic_rank)
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         self.defaults: Systems = dict.fromkeys(("least_margin", "least_joint_margin"), np.array(-np.inf))
         self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0), "notice": np.array(0.0)}
         self._required = externals.keys() - self.parameters.keys() - self.defaults.keys()
         self._own = Table(externals, self.parameters | self.defaults)
-
-    def structured(self, options: Options) -> Structure:
-        """Return what the compiler sees."""
-        held = 0 <= self.generic_rank < self.chain.constraint_row_count
-        return Structure(self.chain, replace(options, held=held))
-
-    def carried_shapes(self) -> dict[str, Shape]:
-        """Return the shapes of the arrays that a system carries between two steps, by name."""
-        return carried_shapes(self.chain, self.law, self.structure.options)
-
-    def step_externals(self) -> dict[str, External]:
-        """Return the arrays of a step: inputs, parameters, and carried arrays."""
-        return step_externals(self.structure, self.law)
-
-    def own_parameters(self) -> dict[str, Array]:
-        """Return the chain's own parameters by name."""
-        return parameters_of(self.chain, self.generic_rank) | {"limits": np.array(joint_limits(self.chain))}
-
-    def functions(self, tableau: Tableau) -> tuple[Callable[..., Any], Callable[..., Any]]:
-        """Return the functions of a step, and of the slopes at the current states."""
-        options = self.structure.options
-        take_step = stage_values.step if options.stages else traced_step.step
-        take_step = traced_impulses.step if options.contacts else take_step
-        return partial(take_step, self.model, tableau), partial(traced_step.evaluation, self.model)
 
     def with_new_inputs(self, tableau: Tableau) -> Computation:
         """Return the computation of a step that also evaluates the slope at its start, as its inputs have changed."""

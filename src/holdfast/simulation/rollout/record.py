@@ -21,7 +21,6 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.link import Link
-from holdfast.model.serial_chain import answered_as_forest
 from holdfast.names import called
 from holdfast.questions.arrays import LINKS, TRUNK_LINKS, link_rows, state_fields
 from holdfast.simulation.accounts import accounts_of
@@ -36,7 +35,6 @@ from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, stop_margins, whole_number
 from holdfast.simulation.rollout.between_steps import ACCOUNTS
 from holdfast.simulation.rollout.fused_stepper import systems_at
-from holdfast.simulation.rollout.mechanism_replay import mechanism_samples
 from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems, status_summary
 from holdfast.simulation.rollout.user_functions import with_wrenches
 from holdfast.simulation.sample import Samples, recorded, sample, with_kept_modes
@@ -196,13 +194,7 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
         happened = (Occurrence(float(at.t[0]), "unresolved", "joints", text),)
     elif state is not RolloutStatus.RUNNING:
         stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
-    # the forces at the start are those under the arguments of `start`, and those before jumps are not known
-    if answered_as_forest(rollout.chain):
-        parts = [mechanism_samples(world, rollout, [*rows, *before_jumps])]
-    else:
-        alone = [{name: x[0] for name, x in row.items()} for row in (rows[0], *before_jumps)]
-        parts = [_sample(world, rollout, row) for row in alone]
-        parts += [_recorded(world, rollout, last, rows[1:])] if len(rows) > 1 else []
+    parts = rollout.kind.samples(world, rollout, last, rows, before_jumps)
     order = np.argsort(np.concatenate([part.t for part in parts]))
     run = joined(parts)
     run = replace(part_of(run, order, happened), stopped=stopped, every=stride)
@@ -233,9 +225,7 @@ def _environment(rollout: Any, systems: RolloutSystems) -> Environment:
     """Return the environment of one system: the chain with the system's parameters, base motions and inputs."""
     inputs, parameters = kernel_arguments(rollout.kernel, systems.call_inputs)
     on_links = {"link_wrenches": inputs.get("link_wrench"), "trunk_link_wrenches": inputs.get("trunk_link_wrench")}
-    given, chain = Inputs(inputs.get("object_wrench"), **on_links), rollout.chain
-    if not answered_as_forest(chain):  # all numbers of which are constants
-        chain = _chain_of(rollout, systems, parameters)
+    given, chain = Inputs(inputs.get("object_wrench"), **on_links), rollout.kind.chain(rollout, systems, parameters)
 
     def acting(t: float, state: State) -> Inputs:
         return given if rollout.inputs is None else with_wrenches(given, rollout.inputs, chain, t, state)
@@ -243,23 +233,40 @@ def _environment(rollout: Any, systems: RolloutSystems) -> Environment:
     return Environment(chain, rollout.base_motion, acting)
 
 
-def _chain_of(rollout: Any, systems: RolloutSystems, parameters: Mapping[str, Array]) -> ClosedChain:
+def _row(at: RolloutSystems) -> dict[str, Array]:
+    """Return a copy of the arrays of one system, with its time."""
+    return {**{name: x.copy() for name, x in at.arrays.items()}, "t": np.array(at.t)}
+
+
+def serial_samples(
+    world: Environment,
+    rollout: Any,
+    last: RolloutSystems,
+    rows: Sequence[Mapping[str, Array]],
+    before_jumps: Sequence[Mapping[str, Array]],
+) -> list[Trajectory]:
+    """Return parts of the run of one system whose arrays at the samples are given; see `ChainKind`.
+
+    Forces at the start are those under the arguments of `start`, and those before jumps are not known.
+    """
+    alone = [{name: x[0] for name, x in row.items()} for row in (rows[0], *before_jumps)]
+    parts = [_sample(world, rollout, row) for row in alone]
+    return parts + ([_recorded(world, rollout, last, rows[1:])] if len(rows) > 1 else [])
+
+
+def serial_chain_of(rollout: Any, systems: RolloutSystems, parameters: Mapping[str, Array]) -> ClosedChain:
     """Return the chain with the parameters of one system."""
     fields = {name: systems.arrays[name][0] for name in state_fields(rollout.chain)}
     own = rollout.kernel.parameters | parameters
-    return _with_own_bodies(system(rollout.chain, fields | own, 0)[0], own)
+    return with_own_bodies(system(rollout.chain, fields | own, 0)[0], own)
 
 
-def _with_own_bodies(chain: ClosedChain, own: Mapping[str, Array]) -> ClosedChain:
+def with_own_bodies(chain: ClosedChain, own: Mapping[str, Array]) -> ClosedChain:
     """Return the chain with the object, gravity and link inertias of a system."""
-    held = replace(
-        chain.held_object,
-        mass=float(own["object_mass"]),
-        com=own["object_com"],
-        inertia=own["object_inertia"],
-        physical=False,
-    )
-    arms, trunk = dict(chain.arms), chain.trunk
+    arms, trunk, held = dict(chain.arms), chain.trunk, chain.held_object
+    if "object_mass" in own:
+        mass, com, inertia = (own[f"object_{what}"] for what in ("mass", "com", "inertia"))
+        held = replace(held, mass=float(mass), com=com, inertia=inertia, physical=False)
     if "link_mass" in own:
         links = _bodies(own, LINKS)
         arms = {name: chain.arms[name].of(links=links[rows]) for name, rows in link_rows(chain).items()}
@@ -275,11 +282,6 @@ def _bodies(own: Mapping[str, Array], names: Sequence[str]) -> list[Link]:
     masses, coms, inertias = (own[name] for name in names)
     rows = zip(masses.tolist(), coms, inertias, strict=True)
     return [Link(mass, com, inertia, physical=False) for mass, com, inertia in rows]
-
-
-def _row(at: RolloutSystems) -> dict[str, Array]:
-    """Return a copy of the arrays of one system, with its time."""
-    return {**{name: x.copy() for name, x in at.arrays.items()}, "t": np.array(at.t)}
 
 
 def _recorded(

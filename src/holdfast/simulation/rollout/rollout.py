@@ -17,7 +17,7 @@ from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.grasp_gap import POSITION_TOLERANCE
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import answered_as_forest, serial_chain, without_contacts
+from holdfast.model.serial_chain import without_contacts
 from holdfast.names import called
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import GivenInputs
@@ -38,11 +38,12 @@ from holdfast.simulation.rollout.arguments import (
     stop_margins,
     whole_number,
 )
+from holdfast.simulation.rollout.chain_kinds import kind_of
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, diverged, followed
 from holdfast.simulation.rollout.record import RolloutArguments, RolloutRecord
 from holdfast.simulation.rollout.recording import RecordOutput, recorded_rollout
-from holdfast.simulation.rollout.starting import hold_rows, located, rank_of, remembered, systems_at
+from holdfast.simulation.rollout.starting import hold_rows, located, remembered, systems_at
 from holdfast.simulation.rollout.systems import RolloutSystems, passive_rates
 from holdfast.simulation.rollout.tape import Tape
 from holdfast.simulation.rollout.traced_step import GRASP_OPEN, LIMITED, PASSES_SINGULAR, SLIPPED, TOO_LONG
@@ -67,6 +68,7 @@ class Rollout:
         base_motion: motions of the moving bases, by arm name.
         inputs: wrenches that act in addition to those passed to calls; None for none.
         options: options of the machine code.
+        kind: what rollouts of such chains have of their own.
         kernels: the machine code of a step, by the ways of `rollout.ways`.
     """
 
@@ -82,10 +84,10 @@ class Rollout:
     ) -> None:
         self.chain, self.law, self.scheme, self.generic_rank = chain, law, scheme, generic_rank
         self.base_motion, self.options, self.inputs = base_motion, options, inputs
+        self.kind = kind_of(chain)
         self.kernels = kernels_of(self)
-        self._stable_step = np.inf  # of chains that are answered as forests, steps are only asked
-        if not answered_as_forest(chain):
-            self._stable_step = surely_stable_step(chain, np.zeros(chain.joint_count), scheme_of(scheme))
+        none = np.zeros(chain.joint_count)
+        self._stable_step = surely_stable_step(chain, none, scheme_of(scheme)) if self.kind.implicit else np.inf
 
     @property
     def kernel(self) -> StepKernel:
@@ -340,10 +342,9 @@ class Rollout:
             **given: as for `step`.
 
         Raises:
-            MethodNotApplicable: the chain has `touching`, since steps with a touch have no derivative, or branches.
+            MethodNotApplicable: the chain has `touching`, since steps with a touch have no derivative.
             StateError: a shape or name is wrong.
         """
-        serial_chain(self.chain, "rollout: tape: chain")
         without_contacts(self.chain, "rollout: tape")
         require_systems(systems)
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
@@ -353,7 +354,7 @@ class Rollout:
         """Return the systems projected onto the grasps and evaluated there."""
         require_threads(threads)
         given = {name: systems.arrays[name].copy() for name in state_fields(self.chain)}
-        if self.generic_rank is None and (rank := rank_of(self, systems)) is not None:
+        if self.generic_rank is None and (rank := self.kind.rank(self, systems)) is not None:
             self.generic_rank = rank
             self.kernels = kernels_of(self)
         close = partial(self.advance_unconfirmed, h=systems.step_length, steps=1, least=NO_STOPS, threads=threads)

@@ -19,8 +19,8 @@ from holdfast.dynamics.tree.forest_simulate import ForestReference
 from holdfast.dynamics.tree.mechanism_terms import flat_state
 from holdfast.dynamics.tree.varied_forest import ForestArguments
 from holdfast.errors import ClosureError, SingularChainError, StateError
+from holdfast.forces.margins import quaternion_entries
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.serial_chain import answered_as_forest
 from holdfast.questions.arrays import state_fields
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.arguments import fitting, kernel_arguments
@@ -52,32 +52,22 @@ def systems_at(rollout: Rollout, given: Mapping[str, Any], memory: Any, t: float
     bad = np.zeros(count, dtype=bool) if bad is None else bad
     for pose in (found[name] for name in given if name.endswith("pose")):
         pose[~bad, ..., :4] /= np.linalg.norm(pose[~bad, ..., :4], axis=-1, keepdims=True)
-    for part in spherical_positions(rollout.chain):
+    for part in np.flatnonzero(quaternion_entries(rollout.chain)).reshape(-1, 4):
         length = np.linalg.norm(found["q"][:, part], axis=1, keepdims=True)
         bad |= ~(np.abs(length[:, 0] - 1.0) <= ROTATION_TOLERANCE)
-        found["q"][~bad, part] /= length[~bad]
+        found["q"][np.ix_(~bad, part)] /= length[~bad]
     found["code"][bad] = BROKEN
     return RolloutSystems(rollout.chain, found, np.full(count, t), np.zeros(count))
 
 
-def spherical_positions(chain: ClosedChain) -> list[slice]:
-    """Return the slices of q that hold quaternions of spherical joints."""
-    found, start = [], 0
-    for joint in chain.all_joints:
-        end = start + joint.type.position_count
-        found += [slice(start, end)] if joint.type.quaternion else []
-        start = end
-    return found
+def serial_rank(rollout: Rollout, systems: RolloutSystems) -> int | None:
+    """Return the rank of the constraint near the first system that satisfies the grasps; None if none does."""
+    near = next(closed_systems(rollout, systems), None)
+    return None if near is None else generic_rank_near(*near, constraint_rank(*near))
 
 
-def rank_of(rollout: Rollout, systems: RolloutSystems) -> int | None:
-    """Return the rank of the constraint near the first system that satisfies the grasps; None if none does.
-
-    Of a chain that is answered as a forest it is that of the system itself, as in `simulate`.
-    """
-    if not answered_as_forest(rollout.chain):
-        near = next(closed_systems(rollout, systems), None)
-        return None if near is None else generic_rank_near(*near, constraint_rank(*near))
+def mechanism_rank(rollout: Rollout, systems: RolloutSystems) -> int | None:
+    """Return the rank of the constraint of the first system that can be closed, as in `simulate`; None if none can."""
     forest = rollout.chain.as_forest.forest
     engine, none = ForestReference(forest), np.zeros((len(forest.bodies), 6))
     for row in np.flatnonzero(systems.running)[:MOST_TRIED].tolist():

@@ -18,13 +18,13 @@ from holdfast.dynamics.projection_derivatives import OF_PROJECTION
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.names import called
-from holdfast.questions.arrays import results_of, state_fields
+from holdfast.questions.arrays import state_fields
 from holdfast.questions.derivatives import Derivatives, require_names
 from holdfast.simulation.rollout.adjoint import BEFORE, AdjointKernel, adjoint_shapes
 from holdfast.simulation.rollout.arguments import (
-    CHAINS,
     LINK_ARGUMENTS,
     MOST_STEPS_OF_CALL,
+    chain_arguments,
     fitting,
     kernel_arguments,
     step_lengths,
@@ -42,7 +42,13 @@ if TYPE_CHECKING:
 
 MOST_STORED = 2**30  # bytes: if the states need more memory, only some of them are stored
 STEP_LENGTH, LAW_MEMORY = "step", "memory"
-FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench", MARGIN_RESULT)  # these need not be unique
+FORCES = (
+    "grasp_wrench",
+    "coupling_force",
+    "base_wrench",
+    "trunk_base_wrench",
+    MARGIN_RESULT,
+)  # these need not be unique
 
 
 class StoredStep(NamedTuple):
@@ -130,17 +136,19 @@ class Tape:
 
         Args:
             final: cotangents at the end, by name: q (systems, n), qd, object_pose (systems, 6), object_twist,
-                floating_pose and floating_twist, the law's memory, and the work (systems, 4) since the start.
+                floating_pose and floating_twist, the law's memory, and the work (systems, 4) since the start. Those
+                and gradients of q are in the coordinates of qd, of which a spherical joint has three.
             along: cotangents at the end of every step, (steps, systems, ...): of the same arrays, of tau, of the
                 margins of the grasps, margin (.., grasps), and of the results of forward dynamics: qdd, grasp_wrench
-                (.., arms, 6), object_acceleration, contact_acceleration, base_wrench.
+                (.., arms, 6), object_acceleration, contact_acceleration, base_wrench; of a chain with branches also
+                coupling_force, and no contact_acceleration and base_wrench.
             by: the arguments of which gradients are returned: the arrays of the state and `memory` at the start,
                 parameters of the law, object_wrench, gravity, object_mass, object_com, object_inertia, grasp_pose; if
                 no base moves, base_pose and the length of a `step`; and, if the rollout was compiled with them,
-                link_mass, link_com, link_inertia, link_wrench, and those of a trunk (trunk_link_mass ...). By default
-                the state and all parameters of the law. If the tape begins with systems from `Rollout.start` or
-                `take_over`, the gradients refer to the states passed to these functions, before the projection onto
-                the grasps.
+                link_mass, link_com, link_inertia, link_wrench, and those of a trunk (trunk_link_mass ...). Of a chain
+                with branches only gravity and the numbers of an only object are among them. By default the state and
+                all parameters of the law. If the tape begins with systems from `Rollout.start` or `take_over`, the
+                gradients refer to the states passed to these functions, before the projection onto the grasps.
             threads: as for `Rollout.step`.
 
         Returns:
@@ -159,7 +167,7 @@ class Tape:
         state = tuple(state_fields(chain))
         memory = (LAW_MEMORY,) if len(law.memory) else ()
         require_names("tape: final", ends or state, (*state, *memory, WORK_RESULT))
-        of_steps = ("tau", MARGIN_RESULT, WORK_RESULT, *results_of(chain))
+        of_steps = ("tau", MARGIN_RESULT, WORK_RESULT, *self.rollout.kernel.code.varied.results_of(chain))
         require_names("tape: along", passed or state, (*state, *memory, *of_steps))
         require_threads(threads)
         require_names("tape: by", (*state, *law.parameters) if by is None else by, arguments_of(self.rollout))
@@ -318,7 +326,7 @@ class Tape:
             MethodNotApplicable: there is such a cotangent; the message names it.
         """
         for name in (*FORCES, *([WORK_RESULT] if self.rollout.base_motion else ())):
-            if name in names and "held_rows" in self.rollout.kernel.carried:
+            if name in names and self.rollout.kernel.structure.options.held:
                 raise MethodNotApplicable(
                     f"tape: along: {name}: expected forces that are unique, got a chain whose grasps hold it more than"
                     " once; a step returns one choice of them, which has no derivative"
@@ -332,7 +340,9 @@ def arguments_of(rollout: Rollout) -> tuple[str, ...]:
     of_bases = () if rollout.base_motion else (STEP_LENGTH, "base_pose")  # where and when bases move, both decide
     if isinstance(law.torque, SampledTorque):  # its samples are at fixed times
         of_bases = of_bases[1:]
-    chains = [name for name in CHAINS if name != "base_pose"]
+    chains = [name for name in chain_arguments(kernel) if name != "base_pose"]
+    if kernel.code.constant:
+        of_bases = tuple(name for name in of_bases if name != "base_pose")
     memory = [LAW_MEMORY] if len(law.memory) else []
     return (*state_fields(rollout.chain), *memory, *law.parameters, *of_bases, *chains, *links)
 

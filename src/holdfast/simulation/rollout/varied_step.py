@@ -47,6 +47,20 @@ MARGIN_RESULT, WORK_RESULT = "margin", "work"  # results of a step that are not 
 LAW_PREFIX = "control."  # prefix of the names of the law's parameters
 
 
+class OfStep(NamedTuple):
+    """A step of a system in which some of the numbers carry derivatives.
+
+    Attributes:
+        memory: the law's memory during the step.
+        end: the state at its end.
+        work: (4,) work during the step.
+    """
+
+    memory: Array
+    end: State
+    work: Array
+
+
 class VariedSystem(TracedSystem):
     """A system in which some of the numbers carry derivatives.
 
@@ -55,19 +69,23 @@ class VariedSystem(TracedSystem):
         memory: the law's memory during the step.
         many: as in `VariedStep`.
         working: whether the derivatives of the work are computed.
+        positions_are_turned: whether rates of all positions are in the coordinates of the rates of the chain, where it
+            varies and where it arrives; otherwise those of poses at the end are those of their numbers.
         heavier: (n,) armature added in a stage of a linearly implicit step; None in other stages.
         taker: runs the loops inside forward dynamics; the loops of the step itself are Python loops.
     """
 
+    positions_are_turned = False
+    shapes = staticmethod(gradient_shapes)  # of gradients with respect to the arguments
+    results_of = staticmethod(results_of)  # names of results of forward dynamics
+
     def __init__(self, of: VariedStep, given: Given, varied: Mapping[str, Array], taker: Loops | None) -> None:
         super().__init__(of.model, given, of.environment)
-        own = {name: x for name, x in varied.items() if name.startswith(LAW_PREFIX)}
+        own = own_numbers(varied)
         for name in state_fields(self.real):
             if name in varied:
                 last = given[f"last.{name}"]
                 own[f"last.{name}"] = turned_and_shifted(last, varied[name]) if name in STATE_POSES else varied[name]
-        own |= {"last.before": varied["before"]} if "before" in varied else {}
-        own |= {"step": varied["step"]} if "step" in varied else {}
         self.given, self.varied, self.taker = {**given, **own}, varied, taker
         self.heavier: Array | None = None
         self.memory, self.many, self.working = self.last("before"), of.many, False
@@ -124,6 +142,23 @@ class VariedSystem(TracedSystem):
         case = self._case(chain, state, acting, ("base", "grasp"))
         return super().power(case.chain, case.state, drive, lost, acting, whole)
 
+    def through(self, tableau: Tableau, working: bool) -> OfStep:
+        """Return the step."""
+        self.working = working
+        now = self.evaluate(self.time(0.0), self.state, self.last("before"), choose=False)
+        self.memory = now.memory
+        end, _, work, _ = self.step_from(tableau, now.slope(no_turns(now.state)))
+        self.working = False
+        return OfStep(now.memory, end, work)
+
+    def end_arrays(self, state: State) -> dict[str, Array]:
+        """Return the arrays of a state."""
+        return state_arrays(self.real, state)
+
+    def result(self, name: str, at: Evaluation) -> Array:
+        """Return a result of forward dynamics at the step's end."""
+        return getattr(at.found.whole, OTHER_FIELDS.get(name, name))
+
     def margins(self, at: Evaluation) -> Array:
         """Return the margins of the grasps, (grasps,)."""
         case = self._case(self.environment.chain, at.state, Inputs(), ("grasp",))
@@ -159,6 +194,13 @@ class VariedSystem(TracedSystem):
         arguments = self.model() | state_arrays(self.real, state)
         made = ruled(at, results, {name: x for name, x in arguments.items() if name in by}, self.many)
         return Change(made["qdd"], made["object_acceleration"], made.get("floating_acceleration"))
+
+
+def own_numbers(varied: Mapping[str, Array]) -> dict[str, Array]:
+    """Return what the law and the step are given in place of their own numbers."""
+    own = {name: x for name, x in varied.items() if name.startswith(LAW_PREFIX)}
+    own |= {"last.before": varied["before"]} if "before" in varied else {}
+    return own | ({"step": varied["step"]} if "step" in varied else {})
 
 
 @contextmanager
@@ -200,22 +242,24 @@ class LinearStep(NamedTuple):
         linear: the linearised code of the step, with poses at its end as wxyz_xyz.
         by: names of the varied arguments.
         found: results of the step, by name.
+        poses: names of results that are poses, as wxyz_xyz.
     """
 
     linear: Linear
     by: tuple[str, ...]
     found: dict[str, Array]
+    poses: tuple[str, ...] = STATE_POSES
 
     def rates(self, tangents: Mapping[str, Array]) -> dict[str, Array]:
         """Return the rates of the step's results for the given tangents; rates of poses are [turn; shift]."""
         given = [tangents.get(name, np.zeros(shape)) for name, shape in zip(self.by, self.linear.shapes, strict=True)]
         found = dict(zip(self.found, self.linear.rates(*given), strict=True))
-        return found | {name: motion_of(self.found[name], found[name]) for name in STATE_POSES if name in found}
+        return found | {name: motion_of(self.found[name], found[name]) for name in self.poses if name in found}
 
     def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
         """Return the gradient of sum(cotangent . result); cotangents and gradients of poses refer to [turn; shift]."""
         given = {name: cotangents.get(name, np.zeros(x.shape)) for name, x in self.found.items()}
-        given |= {name: by_pose(self.found[name], cotangents[name]) for name in STATE_POSES if name in cotangents}
+        given |= {name: by_pose(self.found[name], cotangents[name]) for name in self.poses if name in cotangents}
         return dict(zip(self.by, self.linear.gradient(*given.values()), strict=True))
 
 
@@ -227,12 +271,14 @@ class VariedStep(NamedTuple):
         tableau: the scheme.
         environment: the chain with its parameters and inputs, if they are not traced.
         many: on floats, whether the linearisation will be used for many products.
+        kind: the class of the system, `VariedSystem` or what has its methods.
     """
 
     model: StepModel
     tableau: Tableau
     environment: Environment | None = None
     many: bool = False
+    kind: Any = VariedSystem
 
     def linear(self, given: Given, by: Sequence[str], of: Sequence[str] = ()) -> LinearStep:
         """Return the linearisation of a step, whose code runs once.
@@ -248,39 +294,34 @@ class VariedStep(NamedTuple):
 
     def closing(self, given: Given, by: Sequence[str]) -> LinearStep:
         """Return the linearisation of the projection onto the grasps at the start of a rollout."""
-        return self._linear(given, by, lambda s: state_arrays(s.real, s.closed(s.time(0.0), s.state)))
+        return self._linear(given, by, lambda s: s.end_arrays(s.closed(s.time(0.0), s.state)))
 
-    def _step(self, system: VariedSystem, of: Sequence[str]) -> dict[str, Array]:
+    def _step(self, system: Any, of: Sequence[str]) -> dict[str, Array]:
         """Return the state after a step, the law's memory during it, and the results at its end."""
-        system.working = WORK_RESULT in of
-        now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
-        system.memory = now.memory
-        end, _, work, _ = system.step_from(self.tableau, now.slope(no_turns(now.state)))
-        found = state_arrays(system.real, end) | {"before": now.memory}
+        memory, end, work = system.through(self.tableau, WORK_RESULT in of)
+        found = system.end_arrays(end) | {"before": memory}
         found |= {WORK_RESULT: work} if WORK_RESULT in of else {}
         of = [name for name in of if name != WORK_RESULT]
         if not of:
             return found
-        system.working = False
-        at_end = system.evaluate(system.time(1.0), end, now.memory, choose=False)
-        whole = at_end.found.whole
+        at_end = system.evaluate(system.time(1.0), end, memory, choose=False)
         own = {"tau": at_end.drive, "memory": at_end.memory}
         own |= {MARGIN_RESULT: system.margins(at_end)} if MARGIN_RESULT in of else {}
-        return found | {name: own[name] if name in own else getattr(whole, OTHER_FIELDS.get(name, name)) for name in of}
+        return found | {name: own[name] if name in own else system.result(name, at_end) for name in of}
 
-    def _linear(
-        self, given: Given, by: Sequence[str], function: Callable[[VariedSystem], dict[str, Array]]
-    ) -> LinearStep:
-        taker, shapes, found = loops.get(), gradient_shapes(self.model.structure.chain), dict[str, Array]()
-        of_state = ("q", "qd", "object_twist", "floating_twist", "before")
+    def _linear(self, given: Given, by: Sequence[str], function: Callable[[Any], dict[str, Array]]) -> LinearStep:
+        taker, shapes, found = loops.get(), self.kind.shapes(self.model.structure.chain), dict[str, Array]()
+        of_state = ("qd", "object_twist", "floating_twist", "before")
+        of_state += () if self.kind.positions_are_turned else ("q",)
         own = {name: f"last.{name}" for name in of_state} | {"step": "step"}
         own |= {name: name for name in by if name.startswith(LAW_PREFIX)}
         at = [given[own[name]] if name in own else np.zeros(shapes[name]) for name in by]
 
         def outputs(*x: Array) -> list[Array]:
-            found.update(function(VariedSystem(self, given, dict(zip(by, x, strict=True)), taker)))
+            found.update(function(self.kind(self, given, dict(zip(by, x, strict=True)), taker)))
             return list(found.values())
 
         with loops_by(None):
             made = linearised(outputs, *at)
-        return LinearStep(made, tuple(by), {name: bare(x) for name, x in found.items()})
+        poses = () if self.kind.positions_are_turned else STATE_POSES
+        return LinearStep(made, tuple(by), {name: bare(x) for name, x in found.items()}, poses)

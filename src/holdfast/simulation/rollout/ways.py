@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from holdfast.model.serial_chain import answered_as_forest
 from holdfast.simulation.rollout.arguments import StopMargins, kernel_arguments, step_inputs
 from holdfast.simulation.rollout.contact_steps import with_impulses
 from holdfast.simulation.rollout.kernel import StepKernel
-from holdfast.simulation.rollout.mechanism_kernel import MechanismKernel
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_impulses import FROM_LAST, WHOLE_PATH
 from holdfast.simulation.runge_kutta import IMEX, Tableau
@@ -32,15 +30,13 @@ def kernels_of(rollout: Rollout) -> dict[str, StepKernel]:
     def of(tableau: Tableau, contacts: str = "") -> StepKernel:
         options = replace(rollout.options, resolution=not (tableau.implicit or contacts), contacts=contacts)
         surroundings: Any = {"motions": rollout.base_motion, "acting": rollout.inputs, "options": options}
-        kind = MechanismKernel if answered_as_forest(rollout.chain) else StepKernel
-        return kind(rollout.chain, rollout.law, tableau, rank, **surroundings)
+        surroundings["code"] = rollout.kind.code
+        return StepKernel(rollout.chain, rollout.law, tableau, rank, **surroundings)
 
     scheme = scheme_of(rollout.scheme)
     if rollout.chain.touching is not None:
         return {way: of(scheme, way) for way in (FROM_LAST, WHOLE_PATH)}
-    if answered_as_forest(rollout.chain):
-        return {EXPLICIT: of(scheme)}
-    return {EXPLICIT: of(scheme), IMPLICIT: of(IMEX)}
+    return {EXPLICIT: of(scheme)} | ({IMPLICIT: of(IMEX)} if rollout.kind.implicit else {})
 
 
 def take_steps(
