@@ -276,7 +276,8 @@ def _on_grasps_and_contacts(chain: ClosedChain, state: State, held: Array | None
     """Return positions on grasps and contacts, by the least displacement in the kinetic metric of the whole chain.
 
     Every round of Newton's method closes the grasps, then the gaps of contacts that press or penetrate, by pushes on
-    the object that the grasps share.
+    the object that the grasps share. A contact stays closed in the later rounds: pushed out one at a time, two corners
+    push each other in.
 
     Args:
         chain: the chain at that time.
@@ -286,12 +287,13 @@ def _on_grasps_and_contacts(chain: ClosedChain, state: State, held: Array | None
     """
     for _ in range(ROUNDS_AT_END):
         motion = holding(chain_at_rest(chain, state), held, positions=True)
-        state = displaced_by(state, _closing(motion, state, pressed))
+        change, pressed = _closing(motion, state, pressed)
+        state = displaced_by(state, change)
     return state
 
 
-def _closing(motion: ChainMotion, state: State, pressed: Sequence[Scalar]) -> Change:
-    """Return the displacement of one round.
+def _closing(motion: ChainMotion, state: State, pressed: Sequence[Scalar]) -> tuple[Change, Sequence[Scalar]]:
+    """Return the displacement of one round, and 1 for each contact that it closes, else 0.
 
     A place that wanders is pushed out, but never drawn in: one that bends little runs far around a rim to close a small
     gap, and where rim and edge of a hole meet, both describe one contact, so that one would draw against the other.
@@ -318,7 +320,7 @@ def _closing(motion: ChainMotion, state: State, pressed: Sequence[Scalar]) -> Ch
             ]
             shut = array([new if rim else one for rim, new, one in zip(rims, of_rims, shut, strict=True)])
     change = response.change(A.T @ push)
-    return change if closed is None else _of_each(lambda a, b: a + b, closed, change)
+    return change if closed is None else _of_each(lambda a, b: a + b, closed, change), list(shut)
 
 
 def _touching(chain: ClosedChain) -> Touching:
