@@ -11,8 +11,8 @@ On a circle, c is the place c(s) where d phi / ds = n . c' = 0. It wanders, and 
     f = d(d phi / ds)/dt = c'^T S v_c + n . (w_A - w_B) x c',   k = c'^T S c' + n . c'',   ds/dt = -f / k
     d^2 gap / dt^2  becomes less by f^2 / k;   n' = w_B x n + S (v_c + c' ds/dt),   y' = v_A(c) + c' ds/dt - r n'
 
-That is an instant. Over a time tau the place of a rim in a hole that is hardly wider turns towards f at most, as that of
-a circle within a circle does: with k -> sqrt(k^2 + f^2 tau^2) the rates are those which lead to the end of that time.
+That is an instant. In a time tau the place on a rim in a hole that is hardly wider turns towards f at most, as on a
+circle within a circle, where sqrt(k^2 + f^2 tau^2) in place of k gives the rates at the end of that time.
 
 The relative velocity of the two bodies at y, where they touch, has the rate of a moving place in each of their fields:
 a + alpha x (y - p) + w x (y' - v).
