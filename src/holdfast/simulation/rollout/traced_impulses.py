@@ -1,8 +1,8 @@
 """The traced step of a system whose object may touch the world; see `impulse_step`, which is its text.
 
-Impulses are found by a fixed number of steps: from the forces of the step before, which the system carries ("warm"), or
-without them ("cold"), at five times the operations, or in more of Newton's steps ("longer"). A system whose impulses violate the laws keeps its state, with a
-status code that says so.
+Impulses are found by a fixed number of steps: from the forces of the step before, which the system carries ("warm");
+without them ("cold"), at five times the operations; or so, but with more of Newton's steps ("longer"). A system whose
+impulses violate the laws keeps its state, with a status code that says so.
 """
 
 from __future__ import annotations
