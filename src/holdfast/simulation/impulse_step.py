@@ -52,7 +52,7 @@ PASSES = 2  # the second has the mean velocity of the step, which makes forces t
 ROUNDS_AT_END = 5  # of Newton's method for the positions at the step's end
 PARTS_OF_STEP = (2, 4, 16)  # of a step whose impulses are not found, or which leaves gaps
 OPEN_BY = 1e-13  # m: a deeper penetration is pushed out
-SWEEPS = 3  # over the places of rims, to find those that push
+PUSH_SWEEPS = 3  # over the places of rims, to find those that push
 
 
 class ImpulseProblem(NamedTuple):
@@ -309,7 +309,7 @@ def _closing(motion: ChainMotion, state: State, pressed: Sequence[Scalar]) -> tu
     P = response.mobility
     kept = [0.0 if rim else one for rim, one in zip(rims, pressed, strict=True)]
     shut = array([where(g < -OPEN_BY, 1.0, one) for g, one in zip(gap, kept, strict=True)])
-    for sweep in reversed(range(SWEEPS + 1 if any(rims) else 1)):
+    for sweep in reversed(range(PUSH_SWEEPS + 1 if any(rims) else 1)):
         A = (shut * rows.C[:, 2].T).T
         push = pseudo_solution(A @ P @ A.T, -shut * gap)
         if sweep:

@@ -14,7 +14,7 @@ import numpy as np
 
 from holdfast.simulation.rollout.parts import counted_as_one
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_impulses import FROM_LAST, LONGER, WHOLE_PATH
+from holdfast.simulation.rollout.traced_impulses import FROM_LAST, LONG_WAY, WHOLE_PATH
 from holdfast.simulation.rollout.traced_step import RUNNING, UNLAWFUL
 from holdfast.spatial.scalar import Array
 
@@ -82,7 +82,7 @@ def _without_last_forces(take: TakeSteps, systems: RolloutSystems, h: Array) -> 
     """Take a step in place by the whole path, or by a few steps from no forces, as where contacts just lift."""
     before = systems.copy()
     take(systems, h, way=WHOLE_PATH)
-    for way in (FROM_LAST, LONGER):
+    for way in (FROM_LAST, LONG_WAY):
         rows = np.flatnonzero((systems.arrays["code"] == UNLAWFUL) & before.running)
         if not len(rows):
             return

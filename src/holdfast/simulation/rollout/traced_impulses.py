@@ -31,7 +31,7 @@ from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array, Scalar, maximum, select, where
 from holdfast.state import Inputs, State
 
-FROM_LAST, WHOLE_PATH, LONGER = "warm", "cold", "longer"  # how impulses are found
+FROM_LAST, WHOLE_PATH, LONG_WAY = "warm", "cold", "longer"  # how impulses are found
 # of Newton's steps at the path's end: contacts that hardly slip beside others that stick need as many, and all stiff
 # ones, as softer ones lead away from what the path has found
 STIFF = (1e-4,) * 8
@@ -80,7 +80,7 @@ class TouchingSystem(TracedSystem):
         start = problem.start if self.way == FROM_LAST else None
         slide = np.zeros((len(problem.rows.gap), 2))
         of = problem.mobility, problem.rows, problem.free, slide, problem.near
-        return forces_of_near(*of, start, STIFF if self.way == LONGER else COMPLIANCES)
+        return forces_of_near(*of, start, STIFF if self.way == LONG_WAY else COMPLIANCES)
 
     def step_from(self, tableau: Tableau, first: Array) -> StepResult:
         """Return the result of a step; if the input `held` is set, the state is not changed."""
