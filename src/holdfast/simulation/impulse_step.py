@@ -52,6 +52,7 @@ PASSES = 2  # the second has the mean velocity of the step, which makes forces t
 ROUNDS_AT_END = 5  # of Newton's method for the positions at the step's end
 PARTS_OF_STEP = (2, 4, 16)  # of a step whose impulses are not found, or which leaves gaps
 OPEN_BY = 1e-13  # m: a deeper penetration is pushed out
+PUSH_SWEEPS = 3  # over the places of rims, to find those that push
 
 
 class ImpulseProblem(NamedTuple):
@@ -217,7 +218,7 @@ def impulses(
         start: (k, 3) impulses with which the search begins, world axes [N s].
     """
     gap, of = maximum(gap, 0.0), response.motion.chain
-    rows = contact_rows(_touching(of), middle.object_frame, turning)
+    rows = contact_rows(_touching(of), middle.object_frame, turning, 0.5 * h)
     u0, u1 = rows.velocity(middle.object_twist), rows.velocity(free.object_twist) + (0.5 * h) * rows.drift
     own = 2.0 * h * _length(of.gravity)
     over = where(h > 0.0, reciprocal(where(h > 0.0, h, 1.0)), 0.0)
@@ -275,7 +276,8 @@ def _on_grasps_and_contacts(chain: ClosedChain, state: State, held: Array | None
     """Return positions on grasps and contacts, by the least displacement in the kinetic metric of the whole chain.
 
     Every round of Newton's method closes the grasps, then the gaps of contacts that press or penetrate, by pushes on
-    the object that the grasps share.
+    the object that the grasps share. A contact stays closed in the later rounds: pushed out one at a time, two corners
+    push each other in.
 
     Args:
         chain: the chain at that time.
@@ -285,23 +287,40 @@ def _on_grasps_and_contacts(chain: ClosedChain, state: State, held: Array | None
     """
     for _ in range(ROUNDS_AT_END):
         motion = holding(chain_at_rest(chain, state), held, positions=True)
-        state = displaced_by(state, _closing(motion, state, pressed))
+        change, pressed = _closing(motion, state, pressed)
+        state = displaced_by(state, change)
     return state
 
 
-def _closing(motion: ChainMotion, state: State, pressed: Sequence[Scalar]) -> Change:
-    """Return the displacement of one round."""
-    rows = contact_rows(_touching(motion.chain), state.object_frame, np.zeros(6))
+def _closing(motion: ChainMotion, state: State, pressed: Sequence[Scalar]) -> tuple[Change, Sequence[Scalar]]:
+    """Return the displacement of one round, and 1 for each contact that it closes, else 0.
+
+    A place that wanders is pushed out, but never drawn in: one that bends little runs far around a rim to close a small
+    gap, and where rim and edge of a hole meet, both describe one contact, so that one would draw against the other.
+    """
+    of = _touching(motion.chain)
+    rows, rims = contact_rows(of, state.object_frame, np.zeros(6)), [one.feature.wanders for one in of.candidates]
     closed, gap = None, rows.gap
     if motion.chain.grasps:
         contacts = each(position_contact, motion.contacts)
         closed, _ = constraint_impulses(motion, contacts, position_mismatch(motion, state))
         gap = gap + rows.C[:, 2] @ closed.object
     response = push_response(motion, state)
-    shut = array([where(g < -OPEN_BY, 1.0, one) for g, one in zip(gap, pressed, strict=True)])
-    A = (shut * rows.C[:, 2].T).T
-    change = response.change(A.T @ pseudo_solution(A @ response.mobility @ A.T, -shut * gap))
-    return change if closed is None else _of_each(lambda a, b: a + b, closed, change)
+    P = response.mobility
+    kept = [0.0 if rim else one for rim, one in zip(rims, pressed, strict=True)]
+    shut = array([where(g < -OPEN_BY, 1.0, one) for g, one in zip(gap, kept, strict=True)])
+    for sweep in reversed(range(PUSH_SWEEPS + 1 if any(rims) else 1)):
+        A = (shut * rows.C[:, 2].T).T
+        push = pseudo_solution(A @ P @ A.T, -shut * gap)
+        if sweep:
+            later = gap + rows.C[:, 2] @ (P @ (A.T @ push))
+            of_rims = [
+                where(where(one > 0.0, x, -OPEN_BY - g) > 0.0, 1.0, 0.0)
+                for one, x, g in zip(shut, push, later, strict=True)
+            ]
+            shut = array([new if rim else one for rim, new, one in zip(rims, of_rims, shut, strict=True)])
+    change = response.change(A.T @ push)
+    return change if closed is None else _of_each(lambda a, b: a + b, closed, change), list(shut)
 
 
 def _touching(chain: ClosedChain) -> Touching:

@@ -7,8 +7,10 @@ from scipy.optimize import linprog
 import holdfast as hf
 from holdfast.dynamics.contact.rows import contact_rows
 from holdfast.errors import MethodNotApplicable, ModelError
+from holdfast.simulation.impulse_step import _on_grasps_and_contacts
 from holdfast.spatial import rotation
 from holdfast.world import Circle, Cylinder, HalfSpace, Hole, Rod, Touching
+from tests.longer import mostly_slow
 
 R, r, HALF = 0.0101, 0.01, 0.03
 
@@ -89,6 +91,33 @@ def test_circle_against_brute_force():
         assert found >= min(gaps) - rim.thickness - 1e-7
 
 
+@pytest.mark.parametrize("tilt", mostly_slow([0.01, 0.02, 0.03], [0.02]))
+def test_what_penetrates_is_pushed_out(tilt):
+    """A displaced two-point peg leaves hole and edge, by no more than the displacement: to undo it would suffice."""
+    rng, (state, _), chain = np.random.default_rng(4), wedged(tilt), peg(0.1)
+    rim, angles = chain.touching.points["rim"], np.linspace(0, 2 * np.pi, 2001)
+    metric = np.sqrt([1e-3] * 3 + [0.5] * 3)  # of `peg`
+    for _ in range(10):
+        by = rng.normal(size=6) * [1e-4, 1e-4, 1e-4, 3e-6, 3e-6, 3e-6]
+        at = hf.Pose(rotation.exp(by[:3]) @ state.object_frame.R, state.object_frame.p + by[3:])
+        end = _on_grasps_and_contacts(chain, hf.State([], [], at), None, [1.0] * 4).object_frame
+        assert contact_rows(chain.touching, end, np.zeros(6)).gap.min() > -1e-12
+        assert min(R - np.hypot(*(end.R @ rim.at(angle).arm + end.p)[:2]) for angle in angles) > -1e-12
+        moved = np.concatenate([rotation.log(end.R @ at.R.T), end.p - at.p])
+        assert np.linalg.norm(metric * moved) < 1.01 * np.linalg.norm(metric * by)
+
+
+def test_a_rim_wanders_no_farther_than_it_can():
+    """Off the middle of a hole by a, and moving across, a rim has gap(t) = R - r - sqrt(a^2 + v^2 t^2)."""
+    touching, v = Touching({"rim": Circle([0, 0, 0], [0, 0, 1], r)}, {"wall": Cylinder(radius=R, inside=True)}), 0.03
+    for a in (1e-5, 1e-6, 1e-8):
+        at, twist = hf.Pose(np.eye(3), [a, 0, 0]), np.array([0, 0, 0, 0, v, 0])
+        for t in (1e-6, 1e-4):
+            rows = contact_rows(touching, at, twist, t)
+            rate = rows.velocity(twist)[0, 2] + t * rows.drift[0, 2]
+            assert rate == pytest.approx(-v * v * t / np.hypot(a, v * t), rel=2e-3)
+
+
 def test_points_for_a_rim_are_refused():
     """Points on a circle stand for it to r (1 - cos pi / m): refused where the clearance is below ten times that."""
 
@@ -111,6 +140,55 @@ def test_events_refuse_circles():
     law = lambda t, state, memory: (np.zeros(0), memory)  # noqa: E731
     with pytest.raises(MethodNotApplicable, match=r"contacts='steps'.*'rim'"):
         hf.simulate(peg(mu), state, law, 0.01, 0.001)
+
+
+def coin():
+    """Return a thin disc that rolls about its centre, which stays, and the speed at which its axis turns.
+
+    It turns about the line from the contact to the centre, at w; its axis, off the vertical by a, goes around at
+    w sin a. With angular momentum I w along that line, I = m r^2 / 4, and the moment m g r cos a:
+    (w sin a)^2 = 4 g sin a / r.
+    """
+    a, m, touching = 0.6, 0.2, Touching({"rim": Circle([0, 0, 0], [0, 0, 1], 0.05)}, {"table": HalfSpace(friction=0.8)})
+    turning = np.sqrt(4 * 9.81 / (0.05 * np.sin(a)))
+    inertia = m * 0.05**2 / 4 * np.diag([1.0, 1.0, 2.0])
+    tilted = rotation.exp(np.array([0.0, a, 0.0]))
+    line = tilted @ [-1.0, 0.0, 0.0]
+    twist = np.concatenate([turning * line[2] * line, np.zeros(3)])
+    state = hf.State([], [], hf.Pose(tilted, [0, 0, 0.05 * np.sin(a)]), twist)
+    return hf.ClosedChain({}, hf.HeldObject(m, inertia), {}, touching=touching), state, turning
+
+
+def no_torque(t, state, memory):
+    return np.zeros(0), memory
+
+
+@pytest.mark.slow
+def test_coin_rolls():
+    """Steps follow the closed form with order 2, lose energy only, and leave no gap below -1e-12 m."""
+    chain, state, turning = coin()
+    assert turning**2 * np.sin(0.6) == pytest.approx(4 * 9.81 / 0.05)
+    off = []
+    for h in (2e-3, 1e-3):
+        run = hf.simulate(chain, state, no_torque, 0.04, h, contacts="steps")
+        axis = rotation.exp(np.array([0.0, 0.0, 0.04 * turning])) @ state.object_frame.R[:, 2]
+        off.append(np.abs(hf.Pose.from_wxyz_xyz(run.object_pose[-1]).R[:, 2] - axis).max())
+        assert np.diff(run.kinetic + run.potential).max() < 1e-15
+        assert run.touch_gap.min() > -1e-12
+    assert off[0] < 1e-3 and off[1] < 0.3 * off[0]
+
+
+@pytest.mark.long
+def test_coin_by_machine_code():
+    """A rim becomes machine code: the steps of the reference."""
+    chain, state, _ = coin()
+    rollout = hf.compile_rollout(chain)
+    none, one = np.zeros((1, 0)), (state.object_pose[None], state.object_twist[None])
+    systems = rollout.step(rollout.start(none, none, *one), 2e-3, steps=10)
+    run = hf.simulate(chain, state, no_torque, 0.02, 2e-3, contacts="steps")
+    assert systems.running.all()
+    np.testing.assert_allclose(systems.object_pose[0], run.object_pose[-1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(systems.touch_force[0], run.touch_force[-1], rtol=0, atol=1e-8)
 
 
 def test_rounded_profiles():

@@ -151,7 +151,7 @@ def test_boxes_that_tumble():
     wrong[0] = 1.0
     systems = rollout().start(*rows, tau=wrong * tau)
     modes = set[int]()
-    for _ in range(20):
+    for _ in range(30):
         rollout().step(systems, STEP, steps=50)
         assert systems.running.all()
         assert systems.touch_gap.min() > -1e-9

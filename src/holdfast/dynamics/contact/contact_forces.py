@@ -18,7 +18,7 @@ from holdfast.dynamics.contact.contact_law import (
     violation,
 )
 from holdfast.dynamics.contact.interior_path import FAST, path_forces
-from holdfast.dynamics.contact.proximal_newton import polished
+from holdfast.dynamics.contact.proximal_newton import COMPLIANCES, polished
 from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.spatial.scalar import Array, Scalar, array, each, sqrt, where
 from holdfast.spatial.vector import largest
@@ -63,9 +63,9 @@ def contact_problem(
     return ContactProblem(L, rows, contacts, compliant)
 
 
-def cold_forces(problem: ContactProblem) -> tuple[list[Array], Scalar]:
+def cold_forces(problem: ContactProblem, compliances: tuple[float, ...] = COMPLIANCES) -> tuple[list[Array], Scalar]:
     """Return the forces in axes [n, t1, t2] without a start, and how far they are from the laws. O(k)."""
-    return polished(problem.contacts, path_forces(problem.contacts, FAST, problem.compliant))
+    return polished(problem.contacts, path_forces(problem.contacts, FAST, problem.compliant), compliances)
 
 
 def found_forces(problem: ContactProblem, forces: list[Array], residual: Scalar = None) -> FoundForces:

@@ -11,6 +11,9 @@ On a circle, c is the place c(s) where d phi / ds = n . c' = 0. It wanders, and 
     f = d(d phi / ds)/dt = c'^T S v_c + n . (w_A - w_B) x c',   k = c'^T S c' + n . c'',   ds/dt = -f / k
     d^2 gap / dt^2  becomes less by f^2 / k;   n' = w_B x n + S (v_c + c' ds/dt),   y' = v_A(c) + c' ds/dt - r n'
 
+That is an instant. In a time tau the place on a rim in a hole that is hardly wider turns towards f at most, as on a
+circle within a circle, where sqrt(k^2 + f^2 tau^2) in place of k gives the rates at the end of that time.
+
 The relative velocity of the two bodies at y, where they touch, has the rate of a moving place in each of their fields:
 a + alpha x (y - p) + w x (y' - v).
 """
@@ -24,7 +27,7 @@ import numpy as np
 from holdfast.model.world.shape import WorldShape
 from holdfast.model.world.touching import Candidate
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, where
+from holdfast.spatial.scalar import Array, Scalar, sqrt, where
 from holdfast.spatial.vector import cross
 
 SHARP = 1e-9  # k below this part of the largest it could be: any place is as near, and it does not wander
@@ -75,12 +78,13 @@ class NearestPlace(NamedTuple):
     world_normal: Array
 
 
-def meeting(candidate: Candidate, held: RigidMotion) -> NearestPlace:
+def meeting(candidate: Candidate, held: RigidMotion, ahead: Scalar | None = None) -> NearestPlace:
     """Return where a candidate's feature and shape meet. O(1).
 
     Args:
         candidate: the feature and the shape, one of which is on the object.
         held: motion of the object about C; its acceleration is 0 for what `NearestPlace` leaves out.
+        ahead: the time over which rates of a place that wanders shall hold [s]; None: those of the instant.
     """
     feature, shape = candidate.feature, candidate.shape
     if candidate.reverse:
@@ -106,8 +110,9 @@ def meeting(candidate: Candidate, held: RigidMotion) -> NearestPlace:
         along, bend = A.frame.R @ near.along, A.frame.R @ near.bend
         f = along @ S @ v_c + n @ cross(w_A - w_B, along)
         k = along @ S @ along + n @ bend
-        known = k > SHARP * (along @ along) ** 0.5
-        rate = where(known, -f / where(known, k, 1.0), 0.0)
+        known = k > SHARP * sqrt(along @ along)
+        stiff = k if ahead is None else sqrt(k * k + f * ahead * (f * ahead))
+        rate = where(known, -f / where(known, stiff, 1.0), 0.0)
         normal_rate, wander = normal_rate + f * rate, rate * along
     n_rate = cross(w_B, n) + S @ (v_c + wander)
     moving = of_A + wander - r * n_rate

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.contact.contact_forces import RESOLVED, FoundForces, cold_forces, contact_problem, found_forces
-from holdfast.dynamics.contact.proximal_newton import polished
+from holdfast.dynamics.contact.proximal_newton import COMPLIANCES, polished
 from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.solved_contacts import ContactStatus
 from holdfast.dynamics.contact.touching_chain import CLOSED, LEAST_SLIP
@@ -88,7 +88,7 @@ def forces_of_near(
     slide: Array,
     near: Sequence[Scalar],
     start: Array | None,
-    compliances: tuple[float, ...] = WARM,
+    compliances: tuple[float, ...] | None = None,
 ) -> FoundForces:
     """Return the forces of some contacts by a fixed number of steps; the others get none. O(k).
 
@@ -100,7 +100,7 @@ def forces_of_near(
         near: 1 for each contact that takes part, else 0.
         start: (k, 3) forces of a similar problem, world axes, from which Newton's steps are taken; None: the whole
             path.
-        compliances: those of Newton's steps from `start`.
+        compliances: those of Newton's steps from `start`, or at the path's end; None for the usual ones.
     """
     largest_near = largest(one * x for one, b in zip(near, free, strict=True) for x in b)
     size = where(largest_near > 0.0, largest_near, 1.0)
@@ -112,9 +112,9 @@ def forces_of_near(
     C, b = (array(x) for x in zip(*each(of_contact, near, rows.C, free), strict=True))
     problem = contact_problem(mobility, C, b, rows.friction, np.zeros(len(rows.gap)), slide, False)
     if start is None:
-        forces, residual = cold_forces(problem)
+        forces, residual = cold_forces(problem, compliances or COMPLIANCES)
     else:
-        forces, residual = polished(problem.contacts, _given(rows, start), compliances, (1.0,))
+        forces, residual = polished(problem.contacts, _given(rows, start), compliances or WARM, (1.0,))
     return found_forces(problem, forces, residual)
 
 

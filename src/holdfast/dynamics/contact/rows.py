@@ -18,7 +18,7 @@ import numpy as np
 from holdfast.dynamics.contact.contact_kinematics import RigidMotion, meeting
 from holdfast.model.world.touching import Touching
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, array, concatenate, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
 from holdfast.spatial.vector import cross
 
 
@@ -66,19 +66,20 @@ def rows_in_world(axes: Array, x: Array) -> Array:
     return array([one[:3] @ own for one, own in zip(x, axes, strict=True)])
 
 
-def contact_rows(touching: Touching, object_frame: Pose, twist: Array) -> ContactRows:
+def contact_rows(touching: Touching, object_frame: Pose, twist: Array, ahead: Scalar | None = None) -> ContactRows:
     """Return the gaps, rows and drifts of all candidates. O(k).
 
     Args:
         touching: the points and shapes.
         object_frame: pose of the object (origin C) in the world.
         twist: (6,) its twist about C, world axes.
+        ahead: the time over which the drift of rims shall hold [s]; None: that of the instant.
     """
     found = []
     held = RigidMotion(object_frame, twist, np.zeros(6))
     for one in touching.candidates:
         shape = one.shape
-        at = meeting(one, held)
+        at = meeting(one, held, ahead)
         l, axes = at.place - object_frame.p, contact_axes(at.n)
         C = array([concatenate([cross(l, t), t]) for t in axes])
         drift = array([axes[0] @ at.rate, axes[1] @ at.rate, at.normal_rate])

@@ -1,35 +1,32 @@
 """Steps of many systems with impulses of contacts, which are found in ever surer ways.
 
 First by a few of Newton's steps from the forces of the step before; for systems in which these do not satisfy the laws,
-by the whole path of an interior point, and by Newton's steps from no forces; for what is left, in equal parts of the
-step. A system that is still left stops, with a status that says so. Which way a system goes depends on that system
-alone, and so do its bits.
+by the whole path of an interior point, by Newton's steps from no forces, and by the path with more of Newton's steps at
+its end; what is left takes shorter steps. A system that is still left stops, with a status that says so. Which way a
+system goes depends on that system alone, and so do its bits.
 """
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Protocol
 
 import numpy as np
 
-from holdfast.simulation.rollout.parts import as_one_step
+from holdfast.simulation.rollout.parts import counted_as_one
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_impulses import FROM_LAST, WHOLE_PATH
+from holdfast.simulation.rollout.traced_impulses import FROM_LAST, LONG_WAY, WHOLE_PATH
 from holdfast.simulation.rollout.traced_step import RUNNING, UNLAWFUL
 from holdfast.spatial.scalar import Array
 
 LONGEST_STRETCH = 32  # steps
-# of a step whose impulses are not found: steps that are short enough pass the instant at which contacts lift, where
-# forces vanish and slips have no direction yet
-PARTS_OF_FAILED = (2, 3, 5, 8, 16, 32, 64, 128)
+SHORTEST_PART = 2.0**-12  # of a step
 
 
 class TakeSteps(Protocol):
     """Takes steps of a length (systems,) in place; a system whose impulses are not found keeps its state."""
 
     def __call__(self, systems: RolloutSystems, h: Array, *, way: str, steps: int = 1) -> None:
-        """Take the steps, with impulses found in a way, `FROM_LAST` or `WHOLE_PATH`."""
+        """Take the steps, with impulses found in a way of `traced_impulses`."""
         ...
 
 
@@ -57,23 +54,39 @@ def with_impulses(systems: RolloutSystems, steps: int, take: TakeSteps) -> None:
 
 
 def _step_surely(systems: RolloutSystems, take: TakeSteps) -> None:
-    """Take one step in place, without the last forces, and in parts where this fails."""
-    before, without = systems.copy(), partial(_without_last_forces, take)
-    without(systems, systems.step_length)
-    for parts in PARTS_OF_FAILED:
-        rows = np.flatnonzero(systems.arrays["code"] == UNLAWFUL)
-        if not len(rows):
-            return
-        systems.put(rows, as_one_step(before.copy(rows), parts, without))
+    """Take one step in place, without the last forces: at once, or as much of what is left of it as succeeds.
+
+    Where contacts lift, forces vanish and slips have no direction yet, impulses may not be found; steps that end
+    shortly before such an instant are followed by one that passes it.
+    """
+    before, gaps, rows = systems.copy(), np.zeros((len(systems), 4)), np.arange(len(systems))
+    left = before.step_length.copy()
+    part = left.copy()
+    while len(rows):
+        few = systems.freed(rows)
+        if "memory" in few.arrays:  # it is updated once, as in a whole step
+            few.arrays["memory"][...] = before.arrays["memory"][rows]
+        _without_last_forces(take, few, part[rows])
+        systems.put(rows, few)
+        done, failed = (few.arrays["code"] == code for code in (RUNNING, UNLAWFUL))
+        gaps[rows] = np.where(failed[:, None], gaps[rows], np.maximum(gaps[rows], few.arrays["gaps"]))
+        left[rows] -= np.where(done, part[rows], 0.0)
+        part[rows] = np.where(failed, 0.5 * part[rows], left[rows])
+        going = np.where(failed, part[rows] > SHORTEST_PART * before.step_length[rows], done & (left[rows] > 0.0))
+        rows = rows[going]
+    systems.arrays["gaps"][...] = gaps
+    counted_as_one(systems, before)
 
 
 def _without_last_forces(take: TakeSteps, systems: RolloutSystems, h: Array) -> None:
     """Take a step in place by the whole path, or by a few steps from no forces, as where contacts just lift."""
     before = systems.copy()
     take(systems, h, way=WHOLE_PATH)
-    rows = np.flatnonzero((systems.arrays["code"] == UNLAWFUL) & before.running)
-    if len(rows):
+    for way in (FROM_LAST, LONG_WAY):
+        rows = np.flatnonzero((systems.arrays["code"] == UNLAWFUL) & before.running)
+        if not len(rows):
+            return
         few = before.copy(rows)
         few.arrays["touch_force"][...] = 0.0
-        take(few, h[rows], way=FROM_LAST)
+        take(few, h[rows], way=way)
         systems.put(rows, few)

@@ -111,10 +111,15 @@ def subdivided(systems: RolloutSystems, limit: float, order: int, advance: TakeS
 def as_one_step(begin: RolloutSystems, parts: int, advance: TakeStep) -> RolloutSystems:
     """Return systems after a step in equal parts, which counts as one; a system that stops keeps its own time."""
     end = in_parts(begin, parts, advance)
+    counted_as_one(end, begin)
+    return end
+
+
+def counted_as_one(end: RolloutSystems, begin: RolloutSystems) -> None:
+    """Count what was done since the step's start as one step, in place; a system that stops keeps its own time."""
     on, t = end.running, end.t
     end.begin, end.step_length = np.where(on, begin.begin, t), begin.step_length
     end.arrays["count"][...] = np.where(on, begin.arrays["count"] + 1.0, 0.0)
-    return end
 
 
 def in_parts(begin: RolloutSystems, parts: int, advance: TakeStep) -> RolloutSystems:

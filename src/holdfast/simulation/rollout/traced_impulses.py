@@ -1,8 +1,8 @@
 """The traced step of a system whose object may touch the world; see `impulse_step`, which is its text.
 
-Impulses are found by a fixed number of steps: from the forces of the step before, which the system carries ("warm"), or
-without them ("cold"), at five times the operations. A system whose impulses violate the laws keeps its state, with a
-status code that says so.
+Impulses are found by a fixed number of steps: from the forces of the step before, which the system carries ("warm");
+without them ("cold"), at five times the operations; or so, but with more of Newton's steps ("longer"). A system whose
+impulses violate the laws keeps its state, with a status code that says so.
 """
 
 from __future__ import annotations
@@ -32,7 +32,10 @@ from holdfast.spatial.frozen import changed
 from holdfast.spatial.scalar import Array, Scalar, maximum, select, where
 from holdfast.state import Inputs, State
 
-FROM_LAST, WHOLE_PATH = "warm", "cold"  # how impulses are found
+FROM_LAST, WHOLE_PATH, LONG_WAY = "warm", "cold", "longer"  # how impulses are found
+# of Newton's steps at the path's end: contacts that hardly slip beside others that stick need as many, and all stiff
+# ones, as softer ones lead away from what the path has found
+STIFF = (1e-4,) * 8
 
 
 class TouchingSystem(TracedSystem):
@@ -42,7 +45,7 @@ class TouchingSystem(TracedSystem):
         chain = changed(traced_chain(model.structure, given), touching=model.structure.chain.touching)
         moving = {name: checked_motion(name, motion) for name, motion in model.motions.items()}
         super().__init__(model, given, Environment(chain, moving, traced_inputs(chain, given)))
-        self.begin = None if model.structure.options.contacts == WHOLE_PATH else FROM_LAST
+        self.way = model.structure.options.contacts
         self.pushed: Array = np.zeros(6)
         self.finite: Scalar = 0.0
 
@@ -75,10 +78,10 @@ class TouchingSystem(TracedSystem):
 
     def resolve(self, problem: ImpulseProblem) -> FoundForces:
         """Return impulses by a fixed number of steps."""
-        start = None if self.begin is None else problem.start
+        start = problem.start if self.way == FROM_LAST else None
         slide = np.zeros((len(problem.rows.gap), 2))
         of = problem.mobility, problem.rows, problem.free, slide, problem.near
-        return forces_of_near(*of, start, COMPLIANCES)
+        return forces_of_near(*of, start, STIFF if self.way == LONG_WAY else COMPLIANCES)
 
     def step_from(self, tableau: Tableau, first: Array) -> StepResult:
         """Return the result of a step; if the input `held` is set, the state is not changed."""

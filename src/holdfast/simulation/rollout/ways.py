@@ -12,7 +12,7 @@ from holdfast.simulation.rollout.arguments import StopMargins, kernel_arguments,
 from holdfast.simulation.rollout.contact_steps import with_impulses
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_impulses import FROM_LAST, WHOLE_PATH
+from holdfast.simulation.rollout.traced_impulses import FROM_LAST, LONG_WAY, WHOLE_PATH
 from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
@@ -35,7 +35,7 @@ def kernels_of(rollout: Rollout) -> dict[str, StepKernel]:
 
     scheme = scheme_of(rollout.scheme)
     if rollout.chain.touching is not None:
-        return {way: of(scheme, way) for way in (FROM_LAST, WHOLE_PATH)}
+        return {way: of(scheme, way) for way in (FROM_LAST, WHOLE_PATH, LONG_WAY)}
     return {EXPLICIT: of(scheme)} | ({IMPLICIT: of(IMEX)} if rollout.kind.implicit else {})
 
 
