@@ -105,5 +105,6 @@ def test_steps_under_python_functions(monkeypatch):
     called, traced = (hf.simulate(*of, one, 0.06, 1e-3, **how) for one in (controller, law))
     for name in ("q", "touch_force", "work"):
         np.testing.assert_allclose(getattr(called, name), getattr(traced, name), rtol=1e-12, atol=1e-15, err_msg=name)
-        assert np.abs(getattr(called, name)[: len(true)] - getattr(true, name)).max() < 1e-9, name
+        size = max(1.0, np.abs(getattr(true, name)).max())
+        assert np.abs(getattr(called, name)[: len(true)] - getattr(true, name)).max() < 1e-9 * size, name
     assert called.touch_force.any()
