@@ -90,41 +90,36 @@ def fuse(program: Program) -> Program:
     bits of the result, because the machine never fuses operations on its own.
     """
     instructions = program.instructions
-    uses = [0] * len(instructions)
-    for _, args, _ in instructions:
+    uses, in_a_sum = [0] * len(instructions), [False] * len(instructions)
+    for kind, args, _ in instructions:
         for a in args:
             uses[a] += 1
+            in_a_sum[a] |= kind in ("add", "subtract")
     for output in program.outputs:
         for place in output.places:
             uses[place] += 1
     writer = _Writer()
     new: list[int] = []
     sums: dict[int, list[_Term]] = {}  # by place, products and sums of products for the one sum that uses them
-
-    def written(place: int) -> int:
-        if place in sums:
-            new[place] = writer.sum_of(sums.pop(place))
-        return new[place]
-
     for place, (kind, args, value) in enumerate(instructions):
         terms: list[_Term] = []
         start = None
         if kind == "multiply":
-            terms.append((written(args[0]), written(args[1]), False))
+            terms.append((new[args[0]], new[args[1]], False))
         elif kind in ("add", "subtract") and (args[0] in sums or args[1] in sums):
             for a, negative in zip(args, (False, kind == "subtract"), strict=True):
                 if a in sums:
                     terms += [(x, y, sign != negative) for x, y, sign in sums.pop(a)]
                 else:
                     start = writer.negative(new[a]) if negative else new[a]
-        if terms and start is None and uses[place] == 1:
+        if terms and start is None and in_a_sum[place] and uses[place] == 1:
             sums[place] = terms
             new.append(-1)
         elif terms:
             new.append(writer.sum_of(terms, start))
         else:
-            new.append(writer.write(kind, tuple([written(a) for a in args]), value))
-    outputs = [Output(output.shape, tuple([written(p) for p in output.places])) for output in program.outputs]
+            new.append(writer.write(kind, tuple([new[a] for a in args]), value))
+    outputs = [Output(output.shape, tuple([new[p] for p in output.places])) for output in program.outputs]
     return pruned(program.input_shapes, writer.instructions, outputs)
 
 

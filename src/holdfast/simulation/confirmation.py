@@ -18,7 +18,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import coordinate_sizes
-from holdfast.errors import HoldfastError, SingularChainError, StepTooLongError
+from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StepTooLongError
 from holdfast.model.force_element import HELD_OBJECT
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import passive_terms
@@ -164,7 +164,7 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
         if _agree(window.begin, fewer, more):
             return too_long(window, until, f"the full step fails, {parts} shorter steps do not ({failure})")
         parts, fewer = 2 * parts, more
-    return failure
+    return ClosureError(_or_lower_gains(window, str(failure))) if isinstance(failure, ClosureError) else failure
 
 
 def too_long(window: Window, until: float, why: str) -> StepTooLongError:
@@ -186,12 +186,19 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
         limit = 0.5 * step
     fitting = _working(window, until, limit)
     advice = f"a step of {fitting:g} s" if np.isfinite(fitting) else "a much smaller step"
-    if (hold := window.segment.settings.hold) is not None:
-        advice += (
-            f"; where that fails too, lower gains: they may be too high for a sample time of {hold.sample_time:g} s"
-        )
+    advice = _or_lower_gains(window, advice)
     return StepTooLongError(
         f"the step of {step:g} s is too long for joint '{joint}', {reason}: {why}; try {advice}", joint, fitting
+    )
+
+
+def _or_lower_gains(window: Window, advice: str) -> str:
+    """Return advice for a step that fails, with what may be the cause if the controller is sampled."""
+    hold = window.segment.settings.hold
+    if hold is None:
+        return advice
+    return (
+        f"{advice}; where that fails too, lower gains: they may be too high for a sample time of {hold.sample_time:g} s"
     )
 
 
