@@ -309,16 +309,20 @@ def _closing(motion: ChainMotion, state: State, pressed: Sequence[Scalar]) -> tu
     P = response.mobility
     kept = [0.0 if rim else one for rim, one in zip(rims, pressed, strict=True)]
     shut = array([where(g < -OPEN_BY, 1.0, one) for g, one in zip(gap, kept, strict=True)])
-    for sweep in reversed(range(PUSH_SWEEPS + 1 if any(rims) else 1)):
+
+    def pushed_out(shut: Array) -> tuple[Array, Array]:
         A = (shut * rows.C[:, 2].T).T
-        push = pseudo_solution(A @ P @ A.T, -shut * gap)
-        if sweep:
-            later = gap + rows.C[:, 2] @ (P @ (A.T @ push))
-            of_rims = [
-                where(where(one > 0.0, x, -OPEN_BY - g) > 0.0, 1.0, 0.0)
-                for one, x, g in zip(shut, push, later, strict=True)
-            ]
-            shut = array([new if rim else one for rim, new, one in zip(rims, of_rims, shut, strict=True)])
+        return A, pseudo_solution(A @ P @ A.T, -shut * gap)
+
+    A, push = pushed_out(shut)
+    for _ in range(PUSH_SWEEPS if any(rims) else 0):
+        later = gap + rows.C[:, 2] @ (P @ (A.T @ push))
+        of_rims = [
+            where(where(one > 0.0, x, -OPEN_BY - g) > 0.0, 1.0, 0.0)
+            for one, x, g in zip(shut, push, later, strict=True)
+        ]
+        shut = array([new if rim else one for rim, new, one in zip(rims, of_rims, shut, strict=True)])
+        A, push = pushed_out(shut)
     change = response.change(A.T @ push)
     return change if closed is None else _of_each(lambda a, b: a + b, closed, change), list(shut)
 
