@@ -1,7 +1,6 @@
 """Programs lowered, in pieces and in phases compute the same bits, and remember no more than they must."""
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -240,28 +239,3 @@ def test_stage():
         assert np.array_equal(found, x)
     np.testing.assert_allclose(ct, C @ (np.sin(A) * B), rtol=1e-14)
     assert sines.shape == t.shape == (2,) and none.shape == (0,)
-
-
-SUMS = {
-    "sum": lambda x: (x[2] + (x[0] * x[1] + x[1] * x[2] - x[0] * x[2]),),
-    "difference": lambda x: (x[2] - (x[0] * x[1] + x[1] * x[2] - x[0] * x[2]),),
-    "reversed": lambda x: ((x[0] * x[1] + x[1] * x[2] - x[0] * x[2]) - x[2],),
-    "of sums": lambda x: ((x[0] * x[1] - x[1] * x[2]) - (x[1] * x[1] - x[2] * x[2]) + x[0],),
-}
-
-
-@pytest.mark.parametrize("function", SUMS.values(), ids=SUMS)
-def test_sums_of_products(function):
-    """A number to which products are added comes first, so that each product is part of an fma, in their order."""
-    program, plain = fused(function), trace(function, [(3,)])
-    assert {kind for kind in program.counts if kind != "negate"} == {"fma"}
-    assert program.counts["fma"] == plain.counts["multiply"]
-    for x in np.random.default_rng(1).uniform(-1, 1, (50, 3)):
-        exact = function(np.array([Fraction(one) for one in x.tolist()], dtype=object))[0]
-        assert abs(interpret(plain, x)[0] - float(exact)) <= 2.0**-50
-
-
-def test_a_sum_that_is_used_twice():
-    """It is computed once, and begins with its first product."""
-    program = fused(lambda x: ((s := x[0] * x[1] + x[1] * x[2]) + x[2], s - x[0]))
-    assert program.counts == {"multiply": 1, "fma": 1, "add": 1, "subtract": 1}

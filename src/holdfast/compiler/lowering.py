@@ -6,7 +6,7 @@ is fused with it into one operation that rounds once: fma(a, b, c) = a b + c.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from holdfast.compiler import elementary
@@ -78,47 +78,38 @@ def lowered(program: Program, fused: bool = True) -> Program:
     return fuse(program) if fused else program
 
 
-_Term = tuple[int, int, bool]  # the factors of a product, and whether it is subtracted
-
-
 def fuse(program: Program) -> Program:
     """Return the program with fma instructions.
 
-    A product that is used only once, by a sum or difference, is fused with it. A sum of such products that is itself
-    used only once, by a sum with another number, begins with that number, so that all its products are fused:
-    x + (a b + c d) is fma(c, d, fma(a, b, x)). A sum of products alone begins with its first product. This fixes the
-    bits of the result, because the machine never fuses operations on its own.
+    A product that is used only once, by a sum or difference, is fused with it; of two such products, the second
+    operand is. This fixes the bits of the result, because the machine never fuses operations on its own.
     """
     instructions = program.instructions
-    uses, in_a_sum = [0] * len(instructions), [False] * len(instructions)
-    for kind, args, _ in instructions:
+    uses = [0] * len(instructions)
+    for _, args, _ in instructions:
         for a in args:
             uses[a] += 1
-            in_a_sum[a] |= kind in ("add", "subtract")
     for output in program.outputs:
         for place in output.places:
             uses[place] += 1
+    alone = [kind == "multiply" and n == 1 for (kind, _, _), n in zip(instructions, uses, strict=True)]
     writer = _Writer()
     new: list[int] = []
-    sums: dict[int, list[_Term]] = {}  # by place, products and sums of products for the one sum that uses them
-    for place, (kind, args, value) in enumerate(instructions):
-        terms: list[_Term] = []
-        start = None
-        if kind == "multiply":
-            terms.append((new[args[0]], new[args[1]], False))
-        elif kind in ("add", "subtract") and (args[0] in sums or args[1] in sums):
-            for a, negative in zip(args, (False, kind == "subtract"), strict=True):
-                if a in sums:
-                    terms += [(x, y, sign != negative) for x, y, sign in sums.pop(a)]
-                else:
-                    start = writer.negative(new[a]) if negative else new[a]
-        if terms and start is None and in_a_sum[place] and uses[place] == 1:
-            sums[place] = terms
-            new.append(-1)
-        elif terms:
-            new.append(writer.sum_of(terms, start))
-        else:
+    for kind, args, value in instructions:
+        if kind not in ("add", "subtract") or not (alone[args[0]] or alone[args[1]]):
             new.append(writer.write(kind, tuple([new[a] for a in args]), value))
+            continue
+        product = 1 if alone[args[1]] else 0
+        a, b = (new[x] for x in instructions[args[product]].args)
+        c = new[args[1 - product]]
+        if kind == "subtract":
+            if product == 0:
+                c = writer.negative(c)
+            elif writer.is_constant(b):
+                b = writer.negative(b)
+            else:
+                a = writer.negative(a)
+        new.append(writer.write("fma", (a, b, c)))
     outputs = [Output(output.shape, tuple([new[p] for p in output.places])) for output in program.outputs]
     return pruned(program.input_shapes, writer.instructions, outputs)
 
@@ -138,21 +129,6 @@ class _Writer:
             self._known[key] = len(self.instructions)
         self.instructions.append((kind, args, value))
         return len(self.instructions) - 1
-
-    def sum_of(self, terms: Sequence[_Term], start: int | None = None) -> int:
-        """Write a sum of products that begins with a number, or with the first product, which is not subtracted."""
-        found = start
-        for a, b, negative in terms:
-            if found is None:
-                found = self.write("multiply", (a, b))
-                continue
-            if negative and self.is_constant(b):
-                b = self.negative(b)
-            elif negative:
-                a = self.negative(a)
-            found = self.write("fma", (a, b, found))
-        assert found is not None
-        return found
 
     def is_constant(self, place: int) -> bool:
         return self.instructions[place][0] == "constant"
