@@ -156,17 +156,18 @@ def after_step(
         going_on: function of the states before and after a projection that returns the one to go on with; None: that
             after it.
     """
-    start, none, gaps = state, np.zeros(chain.joint_count), []
+    start, none, before = state, np.zeros(chain.joint_count), None
     for _ in range(STEP_ROUNDS):
         motion = chain_motion(chain, state, none, inputs)
-        gaps.append(largest_gaps(chain, state, inputs, motion))
+        before = largest_gaps(chain, state, inputs, motion) if before is None else before
         state = closer(holding(motion, held, positions=True), state, position_mismatch(motion, state))
     state = state if going_on is None else going_on(start, state)
     motion = chain_motion(chain, state, none, inputs)
     end = project_velocities(holding(motion, held), state)
     end = end if going_on is None else going_on(state, end)
     motion = chain_motion(chain, end, none, inputs, motion)
-    return StepEnd(end, gaps[0], largest_gaps(chain, end, inputs, motion), motion)
+    assert before is not None
+    return StepEnd(end, before, largest_gaps(chain, end, inputs, motion), motion)
 
 
 def closer(motion: ChainMotion, state: State, gaps: list[Array]) -> State:

@@ -164,7 +164,12 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
         if _agree(window.begin, fewer, more):
             return too_long(window, until, f"the full step fails, {parts} shorter steps do not ({failure})")
         parts, fewer = 2 * parts, more
-    return ClosureError(_or_lower_gains(window, str(failure))) if isinstance(failure, ClosureError) else failure
+    sampled = window.segment.settings.hold is not None
+    return (
+        ClosureError(_or_lower_gains(window, str(failure)))
+        if sampled and isinstance(failure, ClosureError)
+        else failure
+    )
 
 
 def too_long(window: Window, until: float, why: str) -> StepTooLongError:

@@ -155,7 +155,7 @@ def solved_again(
 def changes_with_limbs(
     limbed: LimbedMotion, plan: EliminationPlan, sides: Sequence[tuple[list[Array], list[Scalar]]]
 ) -> tuple[ForestFactors, list[LimbedAccelerations]]:
-    """Return the rank, and the smallest changes of rates in the kinetic metric with given effects on the rows.
+    """Return the factors, and the smallest changes of rates in the kinetic metric with given effects on the rows.
 
     Args:
         limbed: the forest's motion, of which only the configuration matters.

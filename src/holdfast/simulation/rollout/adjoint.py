@@ -74,8 +74,8 @@ class AdjointKernel:
 
     def _gradients(self, model: VariedStep, tableau: Tableau | None) -> Any:
         def gradients(given: Given) -> dict[str, Array]:
-            own = {name: e.shape for name, e in self._step.externals.items() if not math.prod(e.shape)}
-            whole = {"last.before": np.zeros(0)} | {name: np.zeros(shape) for name, shape in own.items()} | dict(given)
+            empty = {name: np.zeros(e.shape) for name, e in self._step.externals.items() if not math.prod(e.shape)}
+            whole = {"last.before": np.zeros(0)} | empty | dict(given)
             linear = model.closing(whole, self.by) if tableau is None else model.linear(whole, self.by, self.of)
             cotangents = {name.removeprefix(WITH): x for name, x in given.items() if name.startswith(WITH)}
             return {f"{FOUND}{name}": x for name, x in linear.gradient(cotangents).items() if x.size}
