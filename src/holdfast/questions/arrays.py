@@ -305,6 +305,7 @@ _ROWS = (
 ARRAYS: Mapping[str, Row] = {row.name: row for row in _ROWS}
 
 STATE, FLOATING = ("q", "qd", "object_pose", "object_twist"), ("floating_pose", "floating_twist")
+_STATE_FIELDS = {name: ARRAYS[name].field for name in (*STATE, *FLOATING)}
 BASE_MOTION = ("base_twist", "base_acceleration")  # parameters if bases move
 TRUNK_BASE_MOTION = ("trunk_base_twist", "trunk_base_acceleration")
 MOVING = (*BASE_MOTION, *TRUNK_BASE_MOTION)
@@ -353,13 +354,15 @@ def results_of(chain: ClosedChain) -> tuple[str, ...]:
 
 def state_fields(chain: ClosedChain) -> dict[str, str]:
     """Return the fields of a chain's state by the names of its arrays."""
-    return {name: ARRAYS[name].field for name in (*STATE, *(FLOATING if chain.floats else ()))}
+    return {name: _STATE_FIELDS[name] for name in (*STATE, *(FLOATING if chain.floats else ()))}
 
 
 def state_of(arrays: Mapping[str, Array], row: int | tuple[int, ...]) -> State:
     """Return one of several states from their arrays by name, without changing any bits."""
-    names = (*STATE, *FLOATING)
-    return found_state({ARRAYS[name].field: arrays[name][row].copy() for name in names if name in arrays})
+    found = {field: arrays[name][row].copy() for name, field in _STATE_FIELDS.items() if name in arrays}
+    for x in found.values():
+        x.setflags(write=False)
+    return found_state(found)
 
 
 def link_parameters(chain: ClosedChain) -> tuple[str, ...]:

@@ -209,8 +209,11 @@ def recorded(
 
 def lowest_of(times: Array, margins: Array) -> tuple[Array, Array]:
     """Return the lowest margin of every signal and its time, (..., signals), of margins (..., k, signals)."""
-    k = np.argmin(margins, axis=-2)
-    return np.take_along_axis(margins, k[..., None, :], axis=-2)[..., 0, :], np.take_along_axis(times, k, axis=-1)
+    lowest = margins.min(axis=-2)
+    when = np.broadcast_to(times[..., -1:], lowest.shape).copy()
+    for k in reversed(range(margins.shape[-2] - 1)):  # argmin searches along any axis but the last item by item
+        np.copyto(when, times[..., k : k + 1], where=margins[..., k, :] == lowest)
+    return lowest, when
 
 
 def lowest_joints(lowest: Array, when: Array) -> tuple[Array, Array, Array]:

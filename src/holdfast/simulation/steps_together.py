@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.questions.arrays import state_of
+from holdfast.questions.arrays import FLOATING, STATE, state_of
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
+from holdfast.simulation.rollout.rows import ACCELERATIONS
 from holdfast.simulation.rollout.successive_steps import Again
 from holdfast.simulation.run_step import RunState
 from holdfast.simulation.sample import arrays_of
@@ -20,6 +21,9 @@ from holdfast.simulation.verification import evaluation_parts
 from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.scalar import Array
 
+# what is needed of a step's start, to take the step again and to judge it
+OF_STARTS = (*STATE, *FLOATING, "slope", "memory", "held_rows", "condition", *ACCELERATIONS)
+
 
 class StepsTogether(NamedTuple):
     """Steps that machine code has taken one after another, whatever happens in them.
@@ -28,7 +32,7 @@ class StepsTogether(NamedTuple):
         times: (k, points + 1) the start of each step, and the points at which it was evaluated, the last its end [s].
         jumps: (k,) whether torques or inputs jump at the start.
         points: results at the points, (k, points, ...) by name.
-        starts: results at the start, (k, ...) by name.
+        starts: results at the start, (k, ...) by name: those in `OF_STARTS`.
         after_jumps: results at those starts that follow a jump, (k, 1, ...) by name; those of other steps mean nothing.
         margins: (points + 2, k, signals) margins before the start, at it, and at the points; minus infinity before a
             start without an evaluation that belongs to the same smooth stretch.
@@ -106,9 +110,9 @@ def steps_together(at: RunState, stepper: FusedStepper, ends: Array, jumps: Arra
     remember = None if at.checkpoint.held is None else _sampling(at, begins, jumps, held, interrupted)
     points, after_jumps, taken, again, memories, interruption = stepper.take(now, times, jumps, remember)
     interruption = interrupted[0] if interrupted else interruption
-    starts = {}
-    for name, x in {**stepper.start_of(now), **arrays_of(now)}.items():
-        starts[name] = np.concatenate([x, points[name][:-1, -1]])
+    starts, first = {}, {**stepper.start_of(now), **arrays_of(now)}
+    for name in [name for name in OF_STARTS if name in first]:
+        starts[name] = np.concatenate([first[name], points[name][:-1, -1]])
         starts[name][jumps] = after_jumps[name][jumps, 0]
     margins = segment.signals.of_arrays(points).swapaxes(0, 1)
     here = np.concatenate([at.margins[-1:], margins[-1, :-1]])

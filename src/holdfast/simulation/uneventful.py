@@ -27,7 +27,7 @@ from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.resolution import leap, least_difference
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
-from holdfast.simulation.rollout.rows import TWISTS, gaps_of, velocities_in
+from holdfast.simulation.rollout.rows import ACCELERATIONS, TWISTS, gaps_of, velocities_in
 from holdfast.simulation.run_step import LARGEST_RATE, RunState
 from holdfast.simulation.sample import Samples, lowest_of, recorded
 from holdfast.simulation.segment import suited
@@ -220,8 +220,7 @@ def _largest(at: RunState, steps: StepsTogether) -> Array:
 
 
 def _accelerations(x: Mapping[str, Array]) -> Array:
-    names = ("qdd", "object_acceleration", "floating_acceleration")
-    return np.concatenate([x[name] for name in names if name in x], axis=-1)
+    return np.concatenate([x[name] for name in ACCELERATIONS if name in x], axis=-1)
 
 
 def _near_singular(at: RunState, steps: StepsTogether) -> tuple[Array, Array]:

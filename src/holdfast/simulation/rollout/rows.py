@@ -24,6 +24,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 TWISTS = ("object_twist", "floating_twist")  # of the free bodies
+ACCELERATIONS = ("qdd", "object_acceleration", "floating_acceleration")
 
 
 @dataclass(frozen=True, eq=False)
