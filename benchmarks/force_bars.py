@@ -1,6 +1,6 @@
 """Forces under limits on whole tasks, each number beside what is required of it.
 
-    python -m benchmarks.force_bars
+    python -m benchmarks.force_bars [rest hand ...]         by default all of these, ten minutes of processor time
 
 rest    accelerations of redundant joints of objects that stand still
 hand    the Allegro hand holds a ball while its palm turns over (`make robots` fetches its description)
@@ -13,6 +13,7 @@ paths   fastest timings of paths beside a joint programme (needs Clarabel)
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 from collections.abc import Iterator
@@ -293,11 +294,16 @@ def paths() -> Iterator[Bar]:
         print(f"      ({one.nodes} nodes, {one.seconds:.1f} s of processor time)")
 
 
+TASKS = {task.__name__: task for task in (rest, hand, palm, bends, tray, tape, paths)}
+
+
 def main() -> int:
     """Print every number beside its bound; return 1 if one is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tasks", nargs="*", choices=[*TASKS, []], metavar="task", help="by default all")
     missed = 0
-    for task in (rest, hand, palm, bends, tray, tape, paths):
-        for bar in task():
+    for name in parser.parse_args().tasks or TASKS:
+        for bar in TASKS[name]():
             print(bar, flush=True)
             missed += not bar.met
     return int(missed > 0)
