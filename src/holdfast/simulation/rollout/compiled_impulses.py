@@ -1,19 +1,21 @@
 """Steps with impulses of contacts in machine code, for `simulate`; see `impulse_step`.
 
-Impulses are found without a start, so that a step depends on its own state alone. Steps that machine code does not
-solve are taken by the reference, which has more ways to find impulses.
+Impulses are found without a start, so that a step depends on its own state alone, and then in the surer ways of
+rollouts, see `contact_steps`. Steps that machine code does not solve are taken by the reference.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from holdfast.control.controller import Controller
+from holdfast.compiled.structure import Options
+from holdfast.control.controller import ControlLaw, Controller
 from holdfast.control.traced_law import law_of
 from holdfast.dynamics.contact.fixed_modes import ContactModes
 from holdfast.errors import HoldfastError
@@ -26,17 +28,20 @@ from holdfast.simulation.impulse_stepper import ImpulseStepper, touch_of
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.called_functions import CalledFunctions, StageByStage
 from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING, acting_at_first, move_bases
+from holdfast.simulation.rollout.contact_steps import SHORTEST_PART, TakeSteps, with_impulses
 from holdfast.simulation.rollout.fused_stepper import by_name, constant_inputs, hold_rows, options_for, shared_inputs
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, state_rows
 from holdfast.simulation.rollout.stage_values import VALUES, with_stage_values
-from holdfast.simulation.rollout.traced_impulses import WHOLE_PATH
-from holdfast.simulation.rollout.traced_step import RUNNING
+from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.traced_impulses import FROM_LAST, LONG_WAY, WHOLE_PATH
 from holdfast.simulation.runge_kutta import MIDPOINT, Tableau
-from holdfast.simulation.stepper import NO_GAPS, Advance
+from holdfast.simulation.stepper import Advance
 from holdfast.spatial.frozen import NOT_GIVEN, changed
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs
+
+NO_VALUES: Mapping[str, Array] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,35 +49,43 @@ class CompiledImpulseStepper(ImpulseStepper):
     """Takes steps with impulses by machine code, for laws that can be traced and constant wrenches.
 
     Attributes:
-        kernel: the compiled step.
+        kernels: the compiled step in each way of `traced_impulses` to find impulses.
     """
 
-    kernel: StepKernel = NOT_GIVEN
+    kernels: Mapping[str, StepKernel] = NOT_GIVEN
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return the results of single steps; see `Stepper`."""
-        return self._advanced(self._start(now, len(ends)), now, ends, {}, now.memory)
-
-    def _start(self, now: Instant, count: int) -> Systems:
-        """Return a number of systems at the start of steps."""
-        systems = self.kernel.systems(state_rows([now.state] * count), now.memory)
-        systems["drive"][...] = now.tau
-        hold_rows(systems, now.result.held)
-        return systems
+        return self._advanced(now, ends, self._take, lambda: now.memory)
 
     def _advanced(
-        self, systems: Systems, now: Instant, ends: Sequence[float], given: Mapping[str, Array], memory: Any
+        self, now: Instant, ends: Sequence[float], take: TakeSteps, memory: Callable[[], Any]
     ) -> list[Advance]:
-        """Take steps in place, and return their results; `given` are inputs of the law, `memory` that at the ends."""
-        inputs = {**self._given, "begin": np.array(now.t), "step": np.array(ends) - now.t, "held": np.array(0.0)}
-        self.kernel.run(systems, {**inputs, **given}, {})
-        self.kernel.choose_forces(systems, {**inputs, "begin": np.array(ends), "step": np.array(0.0)}, {})
+        """Return the results of steps that `take` takes; `memory` returns that of the controller at their ends."""
+        kernel, to = self.kernels[WHOLE_PATH], np.array(ends)
+        arrays = kernel.systems(state_rows([now.state] * len(to)), now.memory)
+        arrays["drive"][...] = now.tau
+        hold_rows(arrays, now.result.held)
+        systems = RolloutSystems(kernel.chain, arrays, np.full(len(to), now.t), to - now.t)
+        with_impulses(systems, 1, take, WHOLE_PATH)
+        kernel.choose_forces(arrays, self._inputs(to, np.array(0.0)), {})
         return [
-            self._reached(systems, row, end, memory)
-            if systems["code"][row] == RUNNING
+            self._reached(arrays, row, end, memory())
+            if on
             else super(CompiledImpulseStepper, self).advance(now, [end])[0]
-            for row, end in enumerate(ends)
+            for row, (end, on) in enumerate(zip(ends, systems.running, strict=True))
         ]
+
+    def _take(
+        self, systems: RolloutSystems, h: Array, *, way: str, steps: int = 1, given: Mapping[str, Array] = NO_VALUES
+    ) -> None:
+        """Take steps in place, see `TakeSteps`; `given` are inputs of the law."""
+        systems.set_step_length(h)
+        self.kernels[way].run(systems.arrays, {**self._inputs(systems.begin, h), **given}, {}, steps)
+
+    def _inputs(self, begin: Array, step: Array) -> dict[str, Array]:
+        """Return the inputs of machine code for steps of given beginnings and lengths [s]."""
+        return {**self._given, "begin": begin, "step": step, "held": np.array(0.0)}
 
     def _reached(self, systems: Systems, row: int, end: float, memory: Any) -> Advance:
         """Return the result of one system's step."""
@@ -87,7 +100,7 @@ class CompiledImpulseStepper(ImpulseStepper):
     @cached_property
     def _given(self) -> dict[str, Array]:
         """The inputs that all steps share."""
-        return shared_inputs(self.kernel, self._acting, by_name(getattr(self.controller, "values", {})))
+        return shared_inputs(self.kernels[WHOLE_PATH], self._acting, by_name(getattr(self.controller, "values", {})))
 
     @cached_property
     def _acting(self) -> Inputs:
@@ -113,19 +126,34 @@ class CalledImpulseStepper(CompiledImpulseStepper):
         return [self._called(now, end) for end in ends]
 
     def _called(self, now: Instant, end: float) -> Advance:
-        systems, ask, unused = self._start(now, 1), partial(self.functions.ask, now.memory), np.zeros(1)
-        try:  # torques at the start do not enter the step
-            values, memory = self._asking.values(self._asking.numbers_of(systems), now.t, end, unused, ask)
-        except HoldfastError as cause:
-            return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
-        return self._advanced(systems, now, [end], {f"control.{VALUES}": values}, memory)[0]
+        memory, ask, unused = now.memory, partial(self.functions.ask, now.memory), np.zeros(1)
+
+        def take(systems: RolloutSystems, h: Array, *, way: str, steps: int = 1) -> None:
+            nonlocal memory
+            systems.begin, systems.arrays["count"][...] = systems.t, 0.0
+            begin, asking = float(systems.begin[0]), self._asking(way)
+            to = begin + float(h[0])
+            to = end if end - to < SHORTEST_PART * h[0] else to  # the functions know the very end
+            # torques at the start do not enter the step
+            values, memory = asking.values(asking.numbers_of(systems.arrays), begin, to, unused, ask)
+            self._take(systems, h, way=way, steps=steps, given={f"control.{VALUES}": values})
+
+        try:
+            return self._advanced(now, [end], take, lambda: memory)[0]
+        except HoldfastError:  # the reference says why, if it has no answer either
+            return super(CompiledImpulseStepper, self).advance(now, [end])[0]
 
     def _acting_at(self, t: float, systems: Systems, row: int) -> Inputs:
         return self.functions.wrenches(t, state_of(systems, row)) if self.functions.varying else self._acting
 
     @cached_property
-    def _asking(self) -> StageByStage:
-        return StageByStage(self.kernel, [0.5] * PASSES, self._given)
+    def _made(self) -> dict[str, StageByStage]:
+        return {}
+
+    def _asking(self, way: str) -> StageByStage:
+        if way not in self._made:  # which compiles the step
+            self._made[way] = StageByStage(self.kernels[way], [0.5] * PASSES, self._given)
+        return self._made[way]
 
 
 def impulse_stepper_for(
@@ -156,11 +184,15 @@ def impulse_stepper_for(
     machine = touching is not None and not touching.without_machine_code and not modes.hands
     if moves or not machine or steps < STEPS_WORTH_COMPILING:
         return ImpulseStepper(*of)
-    law, options = law_of(controller, chain), replace(options_for(environment), contacts=WHOLE_PATH)
-    kernel = partial(StepKernel, chain, tableau=MIDPOINT, generic_rank=generic_rank, quick=True)
+    law, options = law_of(controller, chain), options_for(environment)
+
+    def kernels(law: ControlLaw, options: Options) -> dict[str, StepKernel]:
+        of_way = partial(StepKernel, chain, law, MIDPOINT, generic_rank, quick=True)
+        return {way: of_way(options=replace(options, contacts=way)) for way in (WHOLE_PATH, FROM_LAST, LONG_WAY)}
+
     if law is not None and constant:
-        return CompiledImpulseStepper(*of, kernel(law, options=options))
+        return CompiledImpulseStepper(*of, kernels(law, options))
     options = replace(options, stages=PASSES + 1)
     functions = CalledFunctions(environment, controller if law is None else None, options)
     given = with_stage_values(law, chain, options.stages, functions.varying)
-    return CalledImpulseStepper(*of, kernel(given, options=options), functions)
+    return CalledImpulseStepper(*of, kernels(given, options), functions)

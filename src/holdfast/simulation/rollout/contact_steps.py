@@ -1,9 +1,9 @@
-"""Steps of many systems with impulses of contacts, which are found in ever surer ways.
+"""Steps of systems with impulses of contacts, which are found in ever surer ways.
 
-First by a few of Newton's steps from the forces of the step before; for systems in which these do not satisfy the laws,
-by the whole path of an interior point, by Newton's steps from no forces, and by the path with more of Newton's steps at
-its end; what is left takes shorter steps. A system that is still left stops, with a status that says so. Which way a
-system goes depends on that system alone, and so do its bits.
+In rollouts first by a few of Newton's steps from the forces of the step before; for systems in which these do not
+satisfy the laws, and in `simulate`, by the whole path of an interior point, by Newton's steps from no forces, and by
+the path with more of Newton's steps at its end; what is left takes shorter steps. A system that is still left stops,
+with a status that says so. Which way a system goes depends on that system alone, and so do its bits.
 """
 
 from __future__ import annotations
@@ -30,18 +30,24 @@ class TakeSteps(Protocol):
         ...
 
 
-def with_impulses(systems: RolloutSystems, steps: int, take: TakeSteps) -> None:
+def with_impulses(systems: RolloutSystems, steps: int, take: TakeSteps, first: str = FROM_LAST) -> None:
     """Take steps in place, with the systems' step lengths.
 
     A system whose impulses are not found waits for the others, so that steps are taken in short stretches, and in ever
     shorter ones while there are such systems.
+
+    Args:
+        systems: the systems.
+        steps: number of steps.
+        take: takes steps in a given way.
+        first: the way in which every step is tried first.
     """
     code, rows, end = systems.arrays["code"], np.flatnonzero(systems.running), systems.arrays["count"] + steps
     longest = LONGEST_STRETCH
     while len(rows):
         some = systems if len(rows) == len(systems) else systems.copy(rows)
         left = end[rows] - some.arrays["count"]
-        take(some, some.step_length, way=FROM_LAST, steps=int(min(longest, left.min())))
+        take(some, some.step_length, way=first, steps=int(min(longest, left.min())))
         failed = np.flatnonzero(some.arrays["code"] == UNLAWFUL)
         if len(failed):
             few = some.freed(failed)
@@ -57,10 +63,10 @@ def _step_surely(systems: RolloutSystems, take: TakeSteps) -> None:
     """Take one step in place, without the last forces: at once, or as much of what is left of it as succeeds.
 
     Where contacts lift, forces vanish and slips have no direction yet, impulses may not be found; steps that end
-    shortly before such an instant are followed by one that passes it.
+    shortly before such an instant are followed by one that passes it. Forces of contacts are means over the step.
     """
     before, gaps, rows = systems.copy(), np.zeros((len(systems), 4)), np.arange(len(systems))
-    left = before.step_length.copy()
+    left, forces = before.step_length.copy(), np.zeros_like(systems.arrays["touch_force"])
     part = left.copy()
     while len(rows):
         few = systems.freed(rows)
@@ -71,10 +77,13 @@ def _step_surely(systems: RolloutSystems, take: TakeSteps) -> None:
         done, failed = (few.arrays["code"] == code for code in (RUNNING, UNLAWFUL))
         gaps[rows] = np.where(failed[:, None], gaps[rows], np.maximum(gaps[rows], few.arrays["gaps"]))
         left[rows] -= np.where(done, part[rows], 0.0)
+        share = np.where(done, part[rows] / before.step_length[rows], 0.0)
+        forces[rows] += share[:, None, None] * few.arrays["touch_force"]
         part[rows] = np.where(failed, 0.5 * part[rows], left[rows])
         going = np.where(failed, part[rows] > SHORTEST_PART * before.step_length[rows], done & (left[rows] > 0.0))
         rows = rows[going]
     systems.arrays["gaps"][...] = gaps
+    systems.arrays["touch_force"][systems.running] = forces[systems.running]
     counted_as_one(systems, before)
 
 
