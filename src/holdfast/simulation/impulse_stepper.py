@@ -188,7 +188,11 @@ def touch_of(force: Array, mode: Array, chain: ClosedChain, state: State, free: 
     """Return contacts at a step's end with the forces (k, 3), world axes, and modes of the step."""
     del free
     assert chain.touching is not None
-    rows = contact_rows(chain.touching, state.object_frame, state.object_twist)
+    return touch_with_rows(contact_rows(chain.touching, state.object_frame, state.object_twist), state, force, mode)
+
+
+def touch_with_rows(rows: ContactRows, state: State, force: Array, mode: Array) -> Touch:
+    """Return the same with the contacts' rows at that state."""
     return _touch(state, rows, np.einsum("kia,ka->ki", rows.axes, force), mode)
 
 

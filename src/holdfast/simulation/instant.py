@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -56,7 +56,7 @@ class Instant:
     memory: Any
     result: ForwardResult
     power: Array
-    touch: Touch | None = None
+    touch: Touch | None = field(default_factory=lambda: None)  # of no class, where `LateInstant` would find it
 
     @property
     def joints(self) -> tuple[Array, Array, Array]:
@@ -128,7 +128,11 @@ class LateInstant(Instant):
 
 
 def late_instant(
-    t: float, joints: tuple[Array, Array, Array], margins: Array | None, whole: Callable[[], Instant]
+    t: float,
+    joints: tuple[Array, Array, Array],
+    margins: Array | None,
+    whole: Callable[[], Instant],
+    touches: bool = False,
 ) -> Instant:
     """Return an instant that is evaluated in full by `whole` when this is needed.
 
@@ -137,9 +141,12 @@ def late_instant(
         joints: positions, rates and torques, (n,) each.
         margins: (grasps,) margins of the grasps; None if they have to be computed.
         whole: returns the fully evaluated instant.
+        touches: whether that has contacts with the world.
     """
     made = object.__new__(LateInstant)
     vars(made).update({"t": t, "_joints": joints, "_margins": margins, "_whole": whole})
+    if not touches:
+        vars(made)["touch"] = None
     return made
 
 

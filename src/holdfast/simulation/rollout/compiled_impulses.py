@@ -24,15 +24,24 @@ from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.contact_stepper import TOUCH_WRENCH, ContactStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.impulse_step import PASSES
-from holdfast.simulation.impulse_stepper import ImpulseStepper, touch_of
+from holdfast.simulation.impulse_stepper import ImpulseStepper, touch_with_rows
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.rollout.between_steps import ACCOUNTS
 from holdfast.simulation.rollout.called_functions import CalledFunctions, StageByStage
 from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING, acting_at_first, move_bases
+from holdfast.simulation.rollout.contact_stages import responses_of
 from holdfast.simulation.rollout.contact_steps import SHORTEST_PART, TakeSteps, with_impulses
-from holdfast.simulation.rollout.fused_stepper import by_name, constant_inputs, hold_rows, options_for, shared_inputs
+from holdfast.simulation.rollout.fused_stepper import (
+    by_name,
+    constant_inputs,
+    hold_rows,
+    options_for,
+    shared_inputs,
+    systems_at,
+)
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, state_rows
-from holdfast.simulation.rollout.stage_values import VALUES, with_stage_values
+from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, late, state_rows
+from holdfast.simulation.rollout.stage_values import VALUES, acting_on, with_stage_values, wrench_arrays
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_impulses import FROM_LAST, LONG_WAY, WHOLE_PATH
 from holdfast.simulation.runge_kutta import MIDPOINT, Tableau
@@ -89,13 +98,26 @@ class CompiledImpulseStepper(ImpulseStepper):
 
     def _reached(self, systems: Systems, row: int, end: float, memory: Any) -> Advance:
         """Return the result of one system's step."""
-        acting = self._acting_at(end, systems, row)
-        inputs = changed(acting, object_wrench=acting.object_wrench + systems[TOUCH_WRENCH][row])
         chain = self.environment.chain_at(end)
-        at = instant_of(systems, row, StageInputs(end, chain, inputs, None, memory))
-        mode = systems["touch_mode"][row].astype(int)
-        touch = touch_of(systems["touch_force"][row], mode, chain, at.state, at.result)
-        return Advance(end, replace(at, touch=touch), gaps_of(systems, row), systems["work"][row].copy())
+
+        def whole() -> Instant:
+            acting = self._acting_at(end, systems, row)
+            inputs = changed(acting, object_wrench=acting.object_wrench + systems[TOUCH_WRENCH][row])
+            at = instant_of(systems, row, StageInputs(end, chain, inputs, None, memory))
+            mode, rows = systems["touch_mode"][row].astype(int), responses_of(self.environment.chain).rows(at.state)
+            return replace(at, touch=touch_with_rows(rows, at.state, systems["touch_force"][row], mode))
+
+        instant = late(systems, row, end, chain, systems["drive"][row], whole, touches=True)
+        return Advance(end, instant, gaps_of(systems, row), systems["work"][row].copy())
+
+    def accounts(self, t: Array, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return what a run records besides the motion; see `Accounting`."""
+        kernel = self.kernels[WHOLE_PATH]
+        systems, taken = systems_at(kernel, arrays), acting_on(kernel.chain, kernel.structure.options)
+        acting = [wrench_arrays(taken, self._acting_at(at, systems, row)) for row, at in enumerate(t.tolist())]
+        given = {name: np.stack([one[name] for one in acting]) for name in taken}
+        given["object_wrench"] = given["object_wrench"] + arrays[TOUCH_WRENCH]
+        return kernel.ask(ACCOUNTS, systems, {**self._inputs(t, np.array(0.0)), **given}, {})
 
     @cached_property
     def _given(self) -> dict[str, Array]:

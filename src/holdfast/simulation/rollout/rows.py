@@ -60,7 +60,15 @@ def velocities_in(systems: Mapping[str, Array]) -> Array:
     return np.concatenate([x.reshape(*lead, math.prod(x.shape[len(lead) :])) for x in parts], axis=-1)
 
 
-def late(systems: Systems, row: int, t: float, chain: ClosedChain, tau: Array, whole: Callable[[], Instant]) -> Instant:
+def late(
+    systems: Systems,
+    row: int,
+    t: float,
+    chain: ClosedChain,
+    tau: Array,
+    whole: Callable[[], Instant],
+    touches: bool = False,
+) -> Instant:
     """Return one system as an instant that is evaluated in full only when this is needed.
 
     Args:
@@ -70,9 +78,10 @@ def late(systems: Systems, row: int, t: float, chain: ClosedChain, tau: Array, w
         chain: the chain.
         tau: (n,) torques of the controller.
         whole: returns the fully evaluated instant.
+        touches: whether that has contacts with the world.
     """
     margins = systems["margin"][row] if "margin" in systems else None
-    return late_instant(t, (systems["q"][row], systems["qd"][row], tau), margins, whole)
+    return late_instant(t, (systems["q"][row], systems["qd"][row], tau), margins, whole, touches)
 
 
 def instant_of(systems: Systems, row: int, at: StageInputs) -> Instant:
