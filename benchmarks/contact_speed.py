@@ -1,6 +1,6 @@
 """Time of contacts as machine code, in units of F, the bound forward dynamics of two 7-joint arms.
 
-    python -m benchmarks.contact_speed [--contacts 4]
+    python -m benchmarks.contact_speed [--contacts 4] [--runs]
 
 cold    the path, then Newton's steps: 15 + 4
 warm    two of Newton's steps from the last forces
@@ -8,7 +8,9 @@ batch   cold, for each of 512 systems in one call
 
 Then the same of forward dynamics of two Pandas whose box stands on a table, with at most four contacts (its corners);
 warm are three of Newton's steps. At last the time of a step of a rollout with these contacts, for each of 512 systems
-with slightly different torques, after they have landed, beside that of the midpoint rule without contacts.
+with slightly different torques, after they have landed, beside that of the midpoint rule without contacts; and the
+processor time of a step of `simulate` while two Pandas lay a box flat on a table, with its sample and without, and how
+many steps the reference takes. `--runs` prints this alone.
 """
 
 from __future__ import annotations
@@ -18,10 +20,12 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from tests.compiler.programs import ArrayKernel
 from tests.control.two_pandas import two_pandas
+from tests.simulation.contacts.two_pandas import lowering
 
 import holdfast as hf
 from benchmarks.contact_bars import Drawn, drawn
@@ -29,6 +33,7 @@ from holdfast.compiled.traced_chain import traced
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.contact.contact_forces import RESOLVED, cold_forces, contact_problem, found_forces
 from holdfast.dynamics.contact.proximal_newton import polished
+from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.spatial.scalar import Array
 from holdfast.world import HalfSpace, Touching, corners
 
@@ -84,17 +89,31 @@ def time_of(run: Callable[[], object], repeats: int = 2000) -> float:
     return best
 
 
+def beside(bound: Any, run: Callable[[], object], repeats: int = 1000, systems: int = 1) -> str:
+    """Return the time of a call for one of its systems, and its ratio to F in the same moments; medians, in words."""
+    rounds = []
+    for _ in range(10):
+        F, each = time_of(bound.run, 1000), time_of(run, repeats) / systems
+        rounds.append((1e6 * each, each / F))
+    spent, ratio = np.median(rounds, axis=0)
+    return f"{spent:.2f} us = {ratio:.1f} F"
+
+
 def main() -> None:
     """Print the times."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--contacts", type=int, default=4)
-    k = parser.parse_args().contacts
+    parser.add_argument("--runs", action="store_true", help="only steps of `simulate`")
+    asked = parser.parse_args()
+    if asked.runs:
+        of_runs()
+        return
+    k = asked.contacts
     chain, state = two_pandas()[:2]
     bound = hf.compile(chain).bind()
     for name in ("q", "qd", "object_pose", "object_twist"):
         bound.arrays[name][...] = getattr(state, name)
-    F = time_of(bound.run)
-    print(f"F = {1e6 * F:.2f} us")
+    print(f"F = {1e6 * time_of(bound.run):.2f} us")
     rng = np.random.default_rng(3)
     many = [drawn(rng, k, 0.5) for _ in range(BATCH)]
     for name, (kernel, count) in {"cold": cold_kernel(k), "warm": warm_kernel(k)}.items():
@@ -103,19 +122,18 @@ def main() -> None:
         for array, x in zip(single.arrays.values(), given, strict=False):
             array[...] = x
         single.prepare()
-        spent = time_of(single.run)
-        print(f"{name}: {count} operations, {1e6 * spent:.1f} us = {spent / F:.1f} F")
+        print(f"{name}: {count} operations, {beside(bound, single.run)}")
         if name == "cold":
             stacked = [np.array([getattr(one, field) for one in many]) for field in Drawn._fields]
-            kernel(*stacked)
-            each = time_of(lambda: kernel(*stacked), 20) / BATCH  # noqa: B023
+            each = beside(bound, lambda: kernel(*stacked), 20, BATCH)  # noqa: B023
             left = int((kernel(*stacked)[2] > RESOLVED).sum())
-            print(f"batch: {1e6 * each:.2f} us a system = {each / F:.1f} F; {left} of {BATCH} left")
-    of_chains(min(k, 4), F)
+            print(f"batch: {each} a system; {left} of {BATCH} left")
+    of_chains(min(k, 4), bound)
     of_rollouts(min(k, 4), bound)
+    of_runs()
 
 
-def of_chains(k: int, F: float) -> None:
+def of_chains(k: int, of_F: Any) -> None:
     """Print the times of forward dynamics with contacts."""
     chain, state = two_pandas()[:2]
     below = [x for name, x in corners(0.3, 0.2, 0.2).items() if name[2] == "-"]
@@ -131,17 +149,16 @@ def of_chains(k: int, F: float) -> None:
         bound = compiled.bind(**further)
         for array, x in zip(("q", "qd", "tau", "object_pose", "object_twist"), given, strict=True):
             bound.arrays[array][...] = x
-        spent = time_of(bound.run)
         count = compiled.operation_count
-        print(f"forward dynamics, {k} contacts, {name}: {count} operations, {1e6 * spent:.1f} us = {spent / F:.1f} F")
+        print(f"forward dynamics, {k} contacts, {name}: {count} operations, {beside(of_F, bound.run)}")
     many = [np.repeat(x[None], BATCH, axis=0) for x in given]
     out = cold.forward_dynamics(*many)
-    each = time_of(lambda: cold.forward_dynamics(*many, out=out), 20) / BATCH
-    print(f"forward dynamics, {k} contacts, batch: {1e6 * each:.2f} us a state = {each / F:.1f} F")
+    each = beside(of_F, lambda: cold.forward_dynamics(*many, out=out), 20, BATCH)
+    print(f"forward dynamics, {k} contacts, batch: {each} a state")
 
 
 def of_rollouts(k: int, bound: Any) -> None:
-    """Print the times of steps of a rollout, medians of ratios to F in the same moments."""
+    """Print the times of steps of a rollout."""
     chain, state = two_pandas()[:2]
     below = [x for name, x in corners(0.3, 0.2, 0.2).items() if name[2] == "-"]
     lowest = min((state.object_frame.R @ x + state.object_frame.p)[2] for x in below)
@@ -154,15 +171,30 @@ def of_rollouts(k: int, bound: Any) -> None:
         rollout = hf.compile_rollout(of, scheme="midpoint")
         systems = rollout.start(*given, tau=taus)
         rollout.step(systems, 1e-3, steps=20)
-        rounds = []
-        for _ in range(10):
-            F, start = time_of(bound.run, 1000), time.perf_counter()
-            rollout.step(systems, 1e-3, steps=20)
-            each = (time.perf_counter() - start) / (20 * BATCH)
-            rounds.append((1e6 * each, each / F))
-        spent, ratio = np.median(rounds, axis=0)
+        each = beside(bound, lambda: rollout.step(systems, 1e-3, steps=20), 20, 20 * BATCH)  # noqa: B023
         going = int(systems.running.sum())
-        print(f"rollout, {name}: {spent:.2f} us a step = {ratio:.1f} F; {going} of {BATCH} go on")
+        print(f"rollout, {name}: {each} a step; {going} of {BATCH} go on")
+
+
+def of_runs(duration: float = 0.45) -> None:
+    """Print the processor time of a step of `simulate`, with its sample and without, and the steps of the reference."""
+    chain, state, law = lowering([0.0, 0.0, -0.1])
+    taken: list[float] = []
+    surely = ImpulseStepper.advance
+
+    def counted(stepper: ImpulseStepper, now: Any, ends: Any) -> Any:
+        taken.append(now.t)
+        return surely(stepper, now, ends)
+
+    spent, steps = [], round(duration / 1e-3)
+    with mock.patch.object(ImpulseStepper, "advance", counted):
+        for every in (1, 1, steps):  # the first run compiles
+            taken.clear()
+            begin = time.process_time()
+            hf.simulate(chain, state, law, duration, 1e-3, contacts="steps", every=every)
+            spent.append(1e3 * (time.process_time() - begin))
+    sample, step = (spent[1] - spent[2]) / steps, spent[2] / steps
+    print(f"simulate, {steps} steps: {step:.1f} ms a step, {sample:.1f} ms a sample; {len(taken)} by the reference")
 
 
 def start_of(one: Drawn) -> Array:
