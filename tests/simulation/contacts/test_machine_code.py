@@ -111,7 +111,7 @@ def test_steps_under_python_functions(monkeypatch):
     assert called.touch_force.any()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "until", "within"), [(20, 0.43, 1e-9), (11, 0.1, 1e-7)])
 def test_surer_ways(monkeypatch, seed, until, within):
     """A tumbling box: where the whole path finds no impulses, one way of rollouts does (seed 20), or steps in halves.
