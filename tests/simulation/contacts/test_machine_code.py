@@ -1,6 +1,7 @@
 """Runs with contacts whose stages are machine code are those of the reference."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -124,7 +125,7 @@ def test_surer_ways(monkeypatch, seed, until, within):
     q = dice.normal(size=4)
     pose = np.array([*q / np.linalg.norm(q), 0.0, 0.0, 0.17])
     state = hf.State([], [], pose, dice.normal(size=6) * np.repeat([3.0, 1.0], 3))
-    kept, how = [], {"contacts": "steps"}
+    kept, how = list[Any](), dict[str, Any](contacts="steps")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ImpulseStepper, "advance", None)
         found = hf.simulate(chain, state, None, until, 1e-3, **how, on_checkpoint=kept.append)

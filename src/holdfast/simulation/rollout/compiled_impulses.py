@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -50,8 +49,6 @@ from holdfast.spatial.frozen import NOT_GIVEN, changed
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs
 
-NO_VALUES: Mapping[str, Array] = MappingProxyType({})
-
 
 @dataclass(frozen=True, eq=False)
 class CompiledImpulseStepper(ImpulseStepper):
@@ -86,11 +83,11 @@ class CompiledImpulseStepper(ImpulseStepper):
         ]
 
     def _take(
-        self, systems: RolloutSystems, h: Array, *, way: str, steps: int = 1, given: Mapping[str, Array] = NO_VALUES
+        self, systems: RolloutSystems, h: Array, *, way: str, steps: int = 1, given: Mapping[str, Array] | None = None
     ) -> None:
         """Take steps in place, see `TakeSteps`; `given` are inputs of the law."""
         systems.set_step_length(h)
-        self.kernels[way].run(systems.arrays, {**self._inputs(systems.begin, h), **given}, {}, steps)
+        self.kernels[way].run(systems.arrays, self._inputs(systems.begin, h) | {**(given or {})}, {}, steps)
 
     def _inputs(self, begin: Array, step: Array) -> dict[str, Array]:
         """Return the inputs of machine code for steps of given beginnings and lengths [s]."""
