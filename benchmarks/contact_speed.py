@@ -9,8 +9,8 @@ batch   cold, for each of 512 systems in one call
 Then the same of forward dynamics of two Pandas whose box stands on a table, with at most four contacts (its corners);
 warm are three of Newton's steps. At last the time of a step of a rollout with these contacts, for each of 512 systems
 with slightly different torques, after they have landed, beside that of the midpoint rule without contacts; and the
-processor time of a step of `simulate` while two Pandas lay a box flat on a table, with its sample and without, and how
-many steps the reference takes. `--runs` prints this alone.
+processor time of a step of `simulate` while two Pandas lay a box flat on a table, of its sample, and how many steps the
+reference takes. `--runs` prints this alone.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from holdfast.compiler.schedule import External
 from holdfast.dynamics.contact.contact_forces import RESOLVED, cold_forces, contact_problem, found_forces
 from holdfast.dynamics.contact.proximal_newton import polished
 from holdfast.simulation.impulse_stepper import ImpulseStepper
+from holdfast.simulation.segment import Segment
 from holdfast.spatial.scalar import Array
 from holdfast.world import HalfSpace, Touching, corners
 
@@ -182,25 +183,38 @@ def of_rollouts(k: int, bound: Any) -> None:
         print(f"rollout, {name}: {spent:.2f} us a step = {ratio:.1f} F; {going} of {BATCH} go on")
 
 
-def of_runs(duration: float = 0.45) -> None:
-    """Print the processor time of a step of `simulate`, with its sample and without, and the steps of the reference."""
+def of_runs() -> None:
+    """Print the processor time of a step of `simulate` and of its sample, and how many steps the reference takes."""
     chain, state, law = lowering([0.0, 0.0, -0.1])
     taken: list[float] = []
-    surely = ImpulseStepper.advance
+    samples: list[float] = []
+    surely, sample = ImpulseStepper.advance, Segment.sample
 
     def counted(stepper: ImpulseStepper, now: Any, ends: Any) -> Any:
         taken.append(now.t)
         return surely(stepper, now, ends)
 
-    spent, steps = [], round(duration / 1e-3)
-    with mock.patch.object(ImpulseStepper, "advance", counted):
-        for every in (1, 1, steps):  # the first run compiles
+    def timed(*of: Any) -> Any:
+        begin = time.process_time()
+        found = sample(*of)
+        samples.append(1e3 * (time.process_time() - begin))
+        return found
+
+    with mock.patch.object(ImpulseStepper, "advance", counted), mock.patch.object(Segment, "sample", timed):
+        for doing, duration in (
+            ("first, compiling", 0.45),
+            ("above the table", 0.15),
+            ("until they have landed", 0.45),
+        ):
             taken.clear()
+            samples.clear()
             begin = time.process_time()
-            hf.simulate(chain, state, law, duration, 1e-3, contacts="steps", every=every)
-            spent.append(1e3 * (time.process_time() - begin))
-    sample, step = (spent[1] - spent[2]) / steps, spent[2] / steps
-    print(f"simulate, {steps} steps: {step:.1f} ms a step, {sample:.1f} ms a sample; {len(taken)} by the reference")
+            steps = len(hf.simulate(chain, state, law, duration, 1e-3, contacts="steps")) - 1
+            step = 1e3 * (time.process_time() - begin) / steps
+            one = float(np.median(samples))
+            print(
+                f"simulate, {doing}: {step:.1f} ms a step, {one:.2f} ms of it its sample; {len(taken)} by the reference"
+            )
 
 
 def start_of(one: Drawn) -> Array:
