@@ -201,11 +201,7 @@ def of_runs() -> None:
         return found
 
     with mock.patch.object(ImpulseStepper, "advance", counted), mock.patch.object(Segment, "sample", timed):
-        for doing, duration in (
-            ("first, compiling", 0.45),
-            ("above the table", 0.15),
-            ("until they have landed", 0.45),
-        ):
+        for doing, duration in (("compiling", 0.45), ("above the table", 0.15), ("until they land", 0.45)):
             taken.clear()
             samples.clear()
             begin = time.process_time()
