@@ -8,9 +8,7 @@ from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.trunk.trunk_inverse import TrunkTorques, trunk_torques
-from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.trunk import TRUNK
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, array, concatenate
 from holdfast.spatial.spatial_vector import shift_twist
@@ -72,19 +70,16 @@ def joint_accelerations(motion: ChainMotion, acceleration: Array, wished: Array,
         base: (6,) true acceleration of a floating base; None for zero.
     """
     chain, contacts = motion.chain, dict(zip(motion.chain.grasps, motion.contacts, strict=True))
-    qdd, trunk, betas = [], motion.trunk, []
-    if trunk is not None:
-        qdd.append(wished[chain.joints[TRUNK]])
-        of_base = (np.zeros(6) if base is None else base) if trunk.floats else None
-        betas = trunk.accelerations(TrunkAcceleration(qdd[0], of_base))
+    trunk = motion.trunk
+    of_base = (np.zeros(6) if base is None else base) if trunk.floats else None
+    qdd, carried = [wished[trunk.joints]], trunk.carried(wished, of_base)
     for name, arm in motion.arms.items():
         own = wished[chain.joints[name]]
         if name in contacts:
             c = contacts[name]
             tip = shift_twist(c.offset, acceleration) + c.a - c.g - arm.bias.tip_acceleration
-            below = None if trunk is None else trunk.under(name, betas)
-            if below is not None:
-                tip = tip - shift_twist(arm.base_to_tip, below)
+            if name in carried:
+                tip = tip - shift_twist(arm.base_to_tip, carried[name])
             K = np.eye(6) if c.grasp.of_kind.compliant else c.K
             rows = K @ jacobian(arm.arm, arm.at)
             own = own + least_solution(rows, K @ tip - rows @ own)

@@ -23,7 +23,6 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import answered_as_forest, require_unused
-from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import Inputs, State, require_fit
@@ -63,10 +62,9 @@ def balancing_wrenches(
         K, arm = c.K, motion.arms[name]
         torques, on_base = np.zeros((chain.joint_count, len(K))), np.zeros((6, len(K)))
         torques[chain.joints[name]] = (K @ jacobian(arm.arm, arm.at)).T
-        if motion.trunk is not None:
-            by_joints, by_base = motion.trunk.jacobian(name, arm.base_to_tip)
-            torques[chain.joints[TRUNK]] = (K @ by_joints).T
-            on_base = (K @ by_base).T if len(base_load) else on_base
+        by_joints, by_base = motion.trunk.jacobian(name, arm.base_to_tip)
+        torques[motion.trunk.joints] = (K @ by_joints).T
+        on_base = (K @ by_base).T if len(base_load) else on_base
         to_C = np.array([shift_wrench(c.offset, row) for row in K]).T
         of_base = (unit[:, None] * on_base)[: len(base_load)]
         columns.append(np.concatenate([unit[:, None] * to_C, (torque_unit[:, None] * torques)[idle], of_base]))

@@ -156,8 +156,7 @@ def _held_columns(chain: ClosedChain, *, hold_object: bool, hold_trunk: bool, ho
     n, held = chain.joint_count, np.zeros(chain.velocity_count, dtype=bool)
     held[n : n + 6] = hold_object
     held[n + 6 :] = hold_base or hold_trunk
-    if chain.trunk is not None:
-        held[chain.joints[TRUNK]] = hold_trunk
+    held[chain.joints.get(TRUNK, slice(0, 0))] = hold_trunk
     return held
 
 

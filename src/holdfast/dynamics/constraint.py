@@ -16,7 +16,6 @@ import numpy as np
 from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.stacked import block_diagonal
-from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array, Scalar, array, maximum, sqrt, where
 from holdfast.spatial.spatial_vector import twist_shift
 
@@ -68,8 +67,7 @@ def coordinate_sizes(motion: ChainMotion) -> Array:
     floating base the result is (n + 12,), with the base last.
     """
     reach = [r for arm in motion.arms.values() for r in arm.at.reach] + [c.offset for c in motion.contacts]
-    if motion.trunk is not None:
-        reach += [body.reach for body in motion.trunk.bodies]
+    reach += [body.reach for body in motion.trunk.bodies]
     length = sqrt(reduce(maximum, [r @ r for r in reach], 0.0))
     length = where(length > SMALLEST_LENGTH, length, 1.0)
     joints = [1.0 if joint.turns else length for joint in motion.chain.all_joints]
@@ -98,11 +96,10 @@ def constraint_rows(motion: ChainMotion) -> ConstraintRows:
     base_rows, slices, start = [np.zeros((0, free))], [], 0
     for name, c in zip(chain.grasps, motion.contacts, strict=True):
         arm, K = motion.arms[name], c.K
-        columns = {other: np.zeros((len(K), part.stop - part.start)) for other, part in chain.joints.items()}
-        columns[name], base = K @ jacobian(arm.arm, arm.at), np.zeros((len(K), 0))
-        if trunk is not None:
-            columns[TRUNK], base = (K @ x for x in trunk.jacobian(name, arm.base_to_tip))
-        joint_rows.append(np.hstack(list(columns.values())))
+        columns = {other: np.zeros((len(K), of.joint_count)) for other, of in chain.arms.items()}
+        columns[name] = K @ jacobian(arm.arm, arm.at)
+        below, base = (K @ x for x in trunk.jacobian(name, arm.base_to_tip))
+        joint_rows.append(np.hstack([below, *columns.values()]))
         object_rows.append(-K @ twist_shift(c.offset))
         base_rows.append(base)
         slices.append(slice(start, start + len(K)))

@@ -56,8 +56,7 @@ def contact_places(chain: ClosedChain, state: State) -> list[ContactPlace]:
 
 def tip_frames(chain: ClosedChain, state: State, names: Sequence[str]) -> dict[str, Pose]:
     """Return the tip poses of the named arms in the world. O(n)."""
-    trunk = trunk_at_rest(chain, state)
-    mounts = {} if trunk is None else trunk.mounts
+    mounts = trunk_at_rest(chain, state).mounts
     arms = [chain.arms[name].standing_at(mounts[name].frame) if name in mounts else chain.arms[name] for name in names]
     own = [state.q[chain.joints[name]] for name in names]
     return dict(zip(names, each(lambda arm, q: forward_kinematics(arm, q).tip, arms, own), strict=True))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +19,9 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
+from holdfast.model.joint import Joint
 from holdfast.model.serial_chain import answered_as_forest
-from holdfast.model.trunk import TRUNK, Trunk
+from holdfast.model.trunk import TRUNK, bodies_of
 from holdfast.questions.arrays import LINKS, OBJECT, STATE, TRUNK_LINKS, Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
@@ -75,10 +76,9 @@ def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> It
 
 def trunk_bodies(chain: ClosedChain, at: BaseKinematics) -> list[MovingBody]:
     """Return the bodies of the trunk from its base outward; the list is empty without a trunk."""
-    of_trunk = () if chain.trunk is None else chain.trunk.bodies
     return [
         MovingBody(link.spatial_inertia, unrotate(body.frame.R, body.twist), body.frame.R, body.frame.p)
-        for link, body in zip(of_trunk, at.trunk, strict=True)
+        for link, body in zip(bodies_of(chain.trunk), at.trunk.bodies, strict=True)
     ]
 
 
@@ -120,8 +120,8 @@ def total_kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs) -> Sc
     at = base_kinematics(chain, state, inputs)
     parts = [*each_of(at.arms, arm_kinetic_energy, at.arms, at.q, at.qd, at.base_twists).values()]
     parts += [body.kinetic_energy for body in trunk_bodies(chain, at)]
-    if chain.trunk is not None:
-        parts.append(_trunk_rotor_energy(chain.trunk, state.qd[chain.joints[TRUNK]]))
+    armature = np.array([joint.armature for joint in chain.joints_of.get(TRUNK, ())])
+    parts.append(0.5 * (armature @ state.qd[at.trunk.joints] ** 2))
     return sum(parts) + held_body(chain.held_object, state.object_frame, state.object_twist).kinetic_energy
 
 
@@ -156,8 +156,7 @@ def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
     at, gravity = base_kinematics(chain, state, Inputs().shaped(chain)), chain.gravity
     parts = [*each_of(at.arms, lambda arm, q: arm_potential_energy(arm, q, gravity), at.arms, at.q).values()]
     parts += [body.potential_energy(gravity) for body in trunk_bodies(chain, at)]
-    if chain.trunk is not None:
-        parts.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
+    parts.append(_elastic_energy(chain.joints_of.get(TRUNK, ()), state.q[at.trunk.joints]))
     held = held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(gravity)
     of_bodies = sum(parts) + held
     return sum(stored_energies(chain, state), start=of_bodies)
@@ -166,12 +165,13 @@ def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
 def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:
     """Return U of one arm's links and joint springs [J]."""
     resting = links(arm, q, np.zeros(arm.joint_count), np.zeros(6))
-    return sum(body.potential_energy(gravity) for body in resting) + arm_elastic_energy(arm, q)
+    return sum(body.potential_energy(gravity) for body in resting) + _elastic_energy(arm.joints, q)
 
 
-def arm_elastic_energy(arm: Arm, q: Array) -> Scalar:
-    """Return the elastic energy of an arm's joint springs [J]."""
-    return 0.5 * (arm.stiffness @ (q - arm.rest) ** 2)
+def _elastic_energy(joints: Sequence[Joint], q: Array) -> Scalar:
+    """Return the elastic energy of joint springs [J]."""
+    stiffness, rest = (np.array([getattr(joint, name) for joint in joints]) for name in ("stiffness", "rest"))
+    return 0.5 * (stiffness @ (q - rest) ** 2)
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -277,9 +277,7 @@ def power_of(
     the work instead.
     """
     assert inputs.base_twists is not None and inputs.object_wrench is not None
-    damping = concatenate(arm.damping for arm in chain.arms.values())
-    if chain.trunk is not None:
-        damping = concatenate([[joint.damping for joint in chain.trunk.joints], damping])
+    damping = np.array([joint.damping for joint in chain.all_joints])
     lost = sum(losses(chain, state, inputs))
     external, base = inputs.object_wrench @ state.object_twist, base_wrench.ravel() @ inputs.base_twists.ravel()
     moving = [] if inputs.link_wrenches is None else [*inputs.link_wrenches]
@@ -291,16 +289,6 @@ def power_of(
     if under_trunk is not None and inputs.trunk_base_twist is not None:
         base = base + under_trunk @ inputs.trunk_base_twist
     return Power(tau @ state.qd, -(damping @ (state.qd * state.qd)) - lost, base, external)
-
-
-def _trunk_rotor_energy(trunk: Trunk, qd: Array) -> Scalar:
-    """Return the kinetic energy of the rotors in a trunk's joints [J]."""
-    return 0.5 * (np.array([joint.armature for joint in trunk.joints]) @ qd**2)
-
-
-def _trunk_elastic_energy(trunk: Trunk, q: Array) -> Scalar:
-    """Return the elastic energy of the springs in a trunk's joints [J]."""
-    return 0.0 if trunk.serial is None else arm_elastic_energy(trunk.serial, q)
 
 
 def _origins(at: Kinematics) -> list[Array]:

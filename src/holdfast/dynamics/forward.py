@@ -122,8 +122,7 @@ def forward_dynamics(
             regular = sequential(motion, route)
     for name, pivots in zip(chain.grasps, regular.pivots, strict=True):
         _require_inertia(f"arm '{name}'", pivots)
-    if regular.trunk_pivots is not None:
-        _require_inertia("trunk", regular.trunk_pivots)
+    _require_inertia("trunk", regular.trunk_pivots)
     _require_finite(regular)
     if held is None and motion.generic_rank is None:
         rank.require_trusted(motion, state, rank.Pivots(int(regular.rank), 1.0 / float(regular.weakest_pivot)))
@@ -139,7 +138,7 @@ def forward_dynamics(
 
 def _require_finite(found: Solution) -> None:
     """Refuse results that overflow, so that no NaN is ever returned."""
-    of_trunk = [] if found.trunk is None else [part for part in found.trunk if part is not None]
+    of_trunk = [part for part in found.trunk if part is not None]
     if not np.isfinite(np.concatenate([*found.qdd, *found.wrenches, found.object_acceleration, *of_trunk])).all():
         raise StateError("the accelerations overflow float64; check the sizes of lengths, masses, rates and torques")
 

@@ -33,7 +33,6 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.closure import Closure
 from holdfast.model.grasp import Grasp
 from holdfast.model.serial_chain import answered_as_forest
-from holdfast.model.trunk import TRUNK
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
@@ -231,14 +230,14 @@ def _stopped(motion: ChainMotion, state: State, given: Inputs) -> Attachment:
     impulses, base = np.zeros((len(chain.arms), 6)), np.zeros((len(chain.arms), 6))
     for name, impulse in zip(chain.grasps, found, strict=True):
         impulses[chain.names.index(name)] = impulse
-    trunk = None if motion.trunk is None else motion.trunk.at_rest()
-    betas = [] if trunk is None else trunk.accelerations(TrunkAcceleration(jump.qd[chain.joints[TRUNK]], jump.base))
+    trunk = motion.trunk.at_rest()
+    betas = trunk.accelerations(TrunkAcceleration(jump.qd[trunk.joints], jump.base))
     for i, (name, arm) in enumerate(motion.arms.items()):
-        beta = None if trunk is None else trunk.under(name, betas)
-        base[i] = newton_euler(at_rest(arm), jump.qd[chain.joints[name]], impulses[i], beta)[1]
+        own = jump.qd[chain.joints[name]]
+        base[i] = newton_euler(at_rest(arm), own, impulses[i], trunk.under(name, betas))[1]
     assert given.base_twists is not None
     change = (given.base_twists * base).sum()  # V_b.j_b
-    below = None if trunk is None else base_wrench(trunk, betas, dict(zip(chain.arms, base, strict=True)))
+    below = base_wrench(trunk, betas, dict(zip(chain.arms, base, strict=True)))
     if below is not None and given.trunk_base_twist is not None:
         change += given.trunk_base_twist @ below
     change -= 0.5 * sum(p @ v for p, v in zip(found, mismatch, strict=True))  # p^T K v = p^T K Omega K^T p

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.tree.mechanism_inverse import mechanism_torques
 from holdfast.dynamics.trunk.trunk_inverse import needs_drive, require_no_base_wrench, trunk_torques
@@ -19,7 +18,7 @@ from holdfast.questions.arrays import ARGUMENTS, FLOATING_RESULT, TRUNK_BASE_MOT
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
 from holdfast.questions.question import Question, by_joints
-from holdfast.spatial.scalar import Array, array, concatenate, each
+from holdfast.spatial.scalar import Array, array
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 SAME_WRENCH = 1e-9  # largest relative difference between a given wrench and the one that a bushing exerts
@@ -101,7 +100,7 @@ def torques_and_deciding(motion: ChainMotion, qdd: Array, f: Array, base: Array 
     known = [x for x in exerted if x is not None]
     left = array([row if x is None else np.zeros(6) for row, x in zip(f, exerted, strict=True)]) if known else f
     of_bushings = [array([np.zeros(6) if x is None else x for x in exerted])] if known else []
-    if motion.trunk is not None and motion.trunk.floats:
+    if motion.trunk.floats:
         return *trunk_torques(motion, qdd, left, base), *of_bushings
     return torques(motion, qdd, left), *of_bushings
 
@@ -112,9 +111,7 @@ def torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None = None
     A floating base has the acceleration `base`, (6,), or zero; the wrench that this requires is ignored. See
     `inverse_dynamics`.
     """
-    if motion.trunk is not None:
-        return trunk_torques(motion, qdd, f, np.zeros(6) if base is None and motion.trunk.floats else base).tau
-    return concatenate(each(drive_torques, motion.arms.values(), [qdd[part] for part in motion.chain.arm_joints], f))
+    return trunk_torques(motion, qdd, f, np.zeros(6) if base is None and motion.trunk.floats else base).tau
 
 
 def _torques(case: VariedCase) -> tuple[Array, ...]:

@@ -26,7 +26,6 @@ from holdfast.dynamics.trunk.trunk_power import TrunkCase, TrunkUnknowns
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.trunk import TRUNK
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import rates_of
@@ -172,16 +171,12 @@ def velocity_gap_rates(motion: ChainMotion) -> Callable[[Array], Array]:
     [turn; shift]; (n + 12,) with a floating base.
     """
     chain, n, trunk = motion.chain, motion.chain.joint_count, motion.trunk_case
-    still, of_bases = np.zeros(chain.velocity_count), None
-    if trunk is not None:
-        none = TrunkUnknowns(np.zeros(len(trunk.q)), np.zeros(6))
-        of_bases = trunk.base_motion(none, list(_trunk_rates(chain, trunk, still)))
+    assert trunk is not None  # as the chain is in motion
+    still, none = np.zeros(chain.velocity_count), TrunkUnknowns(np.zeros(len(trunk.q)), np.zeros(6))
+    of_bases = trunk.base_motion(none, list(_trunk_rates(chain, trunk, still)))
 
     def given(moved: Array) -> dict[str, dict[str, Array]]:
-        carried = {}
-        if trunk is not None and of_bases is not None:
-            carried = trunk.base_rates(of_bases, _trunk_rates(chain, trunk, moved))
-        found = {}
+        carried, found = trunk.base_rates(of_bases, _trunk_rates(chain, trunk, moved)), {}
         for name in chain.grasps:
             poses = rates_of({"object_pose": moved[n : n + 6]}, "object", motion.cases[name].frame.R)
             found[name] = {"q": moved[chain.joints[name]]} | poses | carried.get(name, {})
@@ -196,7 +191,7 @@ def velocity_gap_rates(motion: ChainMotion) -> Callable[[Array], Array]:
 
 def _trunk_rates(chain: ClosedChain, case: TrunkCase, moved: Array) -> dict[str, Array]:
     """Return the rates of the trunk's positions."""
-    rates = {"q": moved[chain.joints[TRUNK]]}
+    rates = {"q": moved[: len(case.q)]}
     if chain.floats:
         rates |= rates_of({"floating_pose": moved[chain.joint_count + 6 :]}, "floating", case.base.R, "base")
     return rates

@@ -37,7 +37,7 @@ class MinimumNormForces(NamedTuple):
         N: (6 l, k) basis of the wrenches without effect, N^T W N = 1.
         W: (6 l,) the metric.
         mu: multipliers by arm; zero for arms without a grasp.
-        of_trunk: multipliers of the trunk; None without one.
+        of_trunk: multipliers of the trunk.
         wrench_jacobians: by result, its derivative with respect to the grasp wrenches (6 l,): (6 l, 6 l), or (6, 6 l)
             for the wrench of the base on the trunk.
     """
@@ -45,7 +45,7 @@ class MinimumNormForces(NamedTuple):
     N: Array
     W: Array
     mu: Mapping[str, ArmUnknowns]
-    of_trunk: TrunkUnknowns | None
+    of_trunk: TrunkUnknowns
     wrench_jacobians: Mapping[str, Array]
 
     def forward(self, at: Point, found: dict[str, Array], tangents: Mapping[str, Array]) -> dict[str, Array]:
@@ -58,7 +58,7 @@ class MinimumNormForces(NamedTuple):
         """
         rows = holding_rows(at.motion)
         nothing = {name: ArmUnknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
-        still_trunk = None if self.of_trunk is None else TrunkUnknowns(*(0.0 * x for x in self.of_trunk))
+        still_trunk = TrunkUnknowns(*(0.0 * x for x in self.of_trunk))
         turned = arm_residual_rates(with_trunk(at, self.of_trunk), dict(self.mu), tangents)
         still = arm_residual_rates(with_trunk(at, still_trunk), nothing, tangents)
         f = np.concatenate([found["grasp_wrench"][row] for row in rows])
@@ -83,11 +83,9 @@ class MinimumNormForces(NamedTuple):
             name: at.unknowns[name]._replace(wrench=x) for name, x in zip(chain.grasps, v.reshape(-1, 6), strict=True)
         }
         without = {name: x._replace(wrench=np.zeros(6)) if name in chain.grasps else x for name, x in z.items()}
-        y = dict(self.mu)
-        if self.of_trunk is not None:
-            assert at.trunk is not None and at.motion.trunk_case is not None
-            carried = at.motion.trunk_case.carried(at.trunk, self.of_trunk)
-            y |= {name: y[name]._replace(base=base.virtual) for name, base in carried.items()}
+        assert at.motion.trunk_case is not None
+        carried = at.motion.trunk_case.carried(at.trunk, self.of_trunk)
+        y = {**self.mu, **{name: self.mu[name]._replace(base=base.virtual) for name, base in carried.items()}}
         also = (VirtualPower(1.0, z, y, self.of_trunk), VirtualPower(-1.0, without, y, self.of_trunk))
         return {**cotangents, "grasp_wrench": of_f}, also
 
@@ -99,10 +97,8 @@ def minimum_norm_forces(at: Point) -> MinimumNormForces:
     W = np.tile(np.r_[np.full(3, 1 / length**2), np.ones(3)], len(motion.contacts))
     N = free_wrenches(motion, length, None if at.found.rank is None else int(at.found.rank))
     s = Stacked(motion)
-    by_trunk = np.zeros((len(W), 0))
-    if motion.trunk is not None:
-        columns = [motion.trunk.jacobian(name, motion.arms[name].base_to_tip) for name in chain.grasps]
-        by_trunk = np.vstack([np.hstack(one) for one in columns])
+    columns = [motion.trunk.jacobian(name, motion.arms[name].base_to_tip) for name in chain.grasps]
+    by_trunk = np.vstack([np.hstack(one) for one in columns])
     f = np.concatenate([at.unknowns[name].wrench for name in chain.grasps])
     solved = np.linalg.lstsq(np.hstack([s.J, -s.A, s.HT, by_trunk]), W * f, rcond=1e-10)[0]
     counts = [chain.arms[name].joint_count for name in chain.grasps]
@@ -113,9 +109,7 @@ def minimum_norm_forces(at: Point) -> MinimumNormForces:
     mu = {name: ArmUnknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
     for name, a, W_dot in zip(chain.grasps, qdd, rates, strict=True):
         mu[name] = mu[name]._replace(qdd=a, contact_acceleration=W_dot, object_acceleration=alpha)
-    of_trunk = None
-    if motion.trunk is not None:
-        of_trunk = TrunkUnknowns(*np.split(below, [len(below) - 6])) if chain.floats else TrunkUnknowns(below, none)
+    of_trunk = TrunkUnknowns(*np.split(below, [len(below) - 6])) if chain.floats else TrunkUnknowns(below, none)
     return MinimumNormForces(N, W, mu, of_trunk, wrench_jacobians(at))
 
 
@@ -127,18 +121,16 @@ def wrench_jacobians(at: Point) -> dict[str, Array]:
     for k, (name, arm) in enumerate(zip(motion.chain.grasps, motion.holding, strict=True)):
         own = slice(6 * k, 6 * k + 6)
         of_bases[own, own] = unit_wrenches(at.tips[name], arm).base
-        if motion.trunk is not None and name in motion.trunk.mounts:
+        if name in motion.trunk.mounts:
             lever = motion.trunk.mounts[name].frame.p - motion.trunk.base.p
             under[:, own] = twist_shift(lever).T @ of_bases[own, own]
-    stands = motion.trunk is not None and not motion.chain.floats
+    stands = motion.trunk.bodies and not motion.trunk.floats
     return {"grasp_wrench": np.eye(width), "base_wrench": of_bases} | ({BASE_RESULT: under} if stands else {})
 
 
-def with_trunk(at: Point, moving: TrunkUnknowns | None) -> Point:
+def with_trunk(at: Point, moving: TrunkUnknowns) -> Point:
     """Return a point with other accelerations of the trunk, and of the bases mounted on it."""
     motion = at.motion
-    if moving is None or motion.trunk is None:
-        return at
     base = moving.base if motion.chain.floats else None
     betas = motion.trunk.accelerations(TrunkAcceleration(moving.qdd, base))
     cases = {name: case.moved(motion.trunk.under(name, betas)) for name, case in motion.cases.items()}

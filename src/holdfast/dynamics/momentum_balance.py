@@ -15,6 +15,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import answered_as_forest
+from holdfast.model.trunk import bodies_of
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.vector import cross
@@ -71,7 +72,7 @@ def rate_of(chain: ClosedChain, state: State, forces: Any, given: Inputs, point:
             rate = rate + shift_wrench(arm.base.p - point, f)
     if chain.trunk is not None and forces.trunk_base_wrench is not None:  # zero for a floating base
         rate = rate + shift_wrench(chain.trunk.base.p - point, forces.trunk_base_wrench)
-    on_trunk = 0 if chain.trunk is None else len(chain.trunk.bodies)
+    on_trunk = len(bodies_of(chain.trunk))
     if given.link_wrenches is not None or given.trunk_link_wrenches is not None:
         *links, _ = bodies(chain, state)
         for some, wrenches in ((links[:on_trunk], given.trunk_link_wrenches), (links[on_trunk:], given.link_wrenches)):

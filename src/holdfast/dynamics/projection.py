@@ -75,18 +75,17 @@ def constraint_impulses(
     lone = each(lambda arm: gap_response(arm, none), [motion.arms[name] for name in motion.lone_on_trunk])
     of_arms = dict(zip([*chain.grasps, *motion.lone_on_trunk], [*tips, *lone], strict=True))
     whole = chain_elimination(chain, still.contacts, of_arms, still.body.free, still.trunk)
-    alpha, impulses = whole.object_acceleration, whole.wrenches
+    pushes = [*whole.wrenches, *(none for _ in lone)]
+    found = each(
+        lambda tip, impulse, beta: tip.back_substitute(impulse, beta)[0],
+        of_arms.values(),
+        pushes,
+        [whole.columns.get(name) for name in of_arms],
+    )
     changes = {name: np.zeros(arm.joint_count) for name, arm in chain.arms.items()}
-    if whole.trunk is None:
-        found = each(lambda tip, impulse: tip.back_substitute(impulse)[0], tips, impulses)
-        changes |= dict(zip(chain.grasps, found, strict=True))
-        return Change(concatenate(changes.values()), alpha, None), impulses
-    of_arm = dict(zip(chain.grasps, zip(tips, impulses, strict=True), strict=True))
-    of_arm |= {name: (tip, none) for name, tip in zip(motion.lone_on_trunk, lone, strict=True)}
-    for name in [name for name in chain.arms if name in of_arm]:
-        tip, impulse = of_arm[name]
-        changes[name] = tip.back_substitute(impulse, whole.columns.get(name))[0]
-    return Change(concatenate([whole.trunk.qdd, *changes.values()]), alpha, whole.trunk.base), impulses
+    changes |= dict(zip(of_arms, found, strict=True))
+    dqd = concatenate([whole.trunk.qdd, *changes.values()])
+    return Change(dqd, whole.object_acceleration, whole.trunk.base), whole.wrenches
 
 
 def gap_response(arm: ArmMotion, gap: Array) -> TipResponse:

@@ -70,8 +70,8 @@ def impulse_point(chain: ClosedChain, state: State, inputs: Inputs, held: Array 
 
 def _closed(motion: ChainMotion, kind: type[VelocityCase], route: Route) -> Point:
     """Return the projection that closes the gaps of the given kind, by forward dynamics at rest."""
-    none, object_case = np.zeros(6), motion.object_case
-    assert object_case is not None
+    none, object_case, trunk_case = np.zeros(6), motion.object_case, motion.trunk_case
+    assert object_case is not None and trunk_case is not None
     cases = {name: closing(kind, case) for name, case in motion.cases.items()}
     gaps = each(lambda case: case.gap({}), [cases[name] for name in motion.chain.grasps])
     still = replace(
@@ -79,7 +79,7 @@ def _closed(motion: ChainMotion, kind: type[VelocityCase], route: Route) -> Poin
         arms={name: at_rest(arm) for name, arm in motion.arms.items()},
         cases=cases,
         object_case=object_case._replace(twist=none, wrench=none),
-        trunk_case=None if motion.trunk_case is None else resting_trunk(motion.trunk_case),
+        trunk_case=resting_trunk(trunk_case),
     )
     return point(still, sequential(still, route), route)
 
@@ -99,9 +99,8 @@ def resting_trunk(case: TrunkCase) -> RestTrunk:
 def change_of(at: Point) -> Change:
     """Return the change made by a projection."""
     chain, found = at.motion.chain, at.found
-    of_trunk = [] if found.trunk is None else [found.trunk.qdd]
-    dqd = concatenate([*of_trunk, *(at.unknowns[name].qdd for name in chain.arms)])
-    return Change(dqd, found.object_acceleration, None if found.trunk is None else found.trunk.base)
+    dqd = concatenate([found.trunk.qdd, *(at.unknowns[name].qdd for name in chain.arms)])
+    return Change(dqd, found.object_acceleration, found.trunk.base)
 
 
 class RestCase(ArmCase):

@@ -22,7 +22,6 @@ from holdfast.dynamics.arm.forward_kinematics import forward_kinematics, link_tw
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.inverse import acceleration_of_base
-from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.dynamics.trunk.trunk_power import TrunkCase
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -30,7 +29,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
-from holdfast.model.trunk import TRUNK
+from holdfast.model.trunk import TRUNK, bodies_of
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen, making
 from holdfast.spatial.inertia import of_parameters
@@ -77,19 +76,19 @@ class Regressor(Frozen):
         """Return tau - J^T f, (n,), with the parameters of a chain's links."""
         found = self.drives.copy()
         for name, Y in self.links.items():
-            found[chain.joints[name]] += _times(Y, bodies_of(chain, name))
+            found[chain.joints[name]] += _times(Y, links_of(chain, name))
         for name, Y in self.under.items():
-            found[chain.joints[TRUNK]] += _times(Y, bodies_of(chain, name))
+            found[chain.joints[TRUNK]] += _times(Y, links_of(chain, name))
         return found
 
     def wrench_under(self, chain: ClosedChain) -> Array:
         """Return the wrench that a floating base would need without grasp wrenches, (6,), with a chain's parameters."""
-        return sum((_times(Y, bodies_of(chain, name)) for name, Y in self.base.items()), start=self.base_wrench)
+        return sum((_times(Y, links_of(chain, name)) for name, Y in self.base.items()), start=self.base_wrench)
 
 
-def bodies_of(chain: ClosedChain, name: str) -> Sequence[Link]:
+def links_of(chain: ClosedChain, name: str) -> Sequence[Link]:
     """Return the links of an arm, or the bodies of the "trunk"."""
-    return chain.trunk.bodies if name == TRUNK and chain.trunk is not None else chain.arms[name].links
+    return bodies_of(chain.trunk) if name == TRUNK else chain.arms[name].links
 
 
 def _times(Y: Array, bodies: Sequence[Link]) -> Array:
@@ -234,15 +233,13 @@ def moving_parts(motion: ChainMotion, qdd: Array, base: Array | None) -> dict[st
         qdd: (n,) joint accelerations.
         base: (6,) true acceleration of a floating base; None without one.
     """
-    chain, trunk, found, betas = motion.chain, motion.trunk, {}, []
-    if trunk is not None and motion.trunk_case is not None:
-        of_trunk = qdd[chain.joints[TRUNK]]
-        betas = trunk.accelerations(TrunkAcceleration(of_trunk, base))
-        found[TRUNK] = moving_trunk(motion.trunk_case, of_trunk, base)
+    chain, trunk, carried, case = motion.chain, motion.trunk, motion.trunk.carried(qdd, base), motion.trunk_case
+    assert case is not None
+    found = {TRUNK: moving_trunk(case, qdd[trunk.joints], base)} if trunk.bodies else {}
     for name, arm in motion.arms.items():
         own, below, ends = qdd[chain.joints[name]], np.zeros((0, 6)), (0, 0)
-        given = motion.cases[name].moved(None if trunk is None else trunk.under(name, betas)).given
-        if trunk is not None and name in trunk.mounts:
+        given = motion.cases[name].moved(carried.get(name)).given
+        if name in trunk.mounts:
             by_joints, by_base = trunk.jacobian(name, np.zeros(3))
             below, ends = np.hstack([by_joints, by_base]).T, (by_joints.shape[1], by_joints.shape[1] + by_base.shape[1])
         n = len(own)
@@ -262,9 +259,9 @@ def moving_trunk(case: TrunkCase, qdd: Array, base: Array | None) -> MovingPart:
         a, v = unrotate(R, acceleration), unrotate(R, case.base_twist)
         U = np.array([[unrotate(R, twist)] for _, twist in by])
         part = part._replace(R=[R], V=[v], accelerations=[(a, acceleration_gradient(a[:3], v[:3]))], U=U)
-    if case.trunk.serial is None:
+    if case.serial is None:
         return part
-    serial = case.trunk.serial.standing_at(case.base)
+    serial = case.serial.standing_at(case.base)
     moving = of_joints(serial, (case.q, case.qd, qdd), case.base_twist, acceleration, by)
     return part._replace(
         R=[*part.R, *moving[0]],

@@ -68,6 +68,6 @@ def replaced_by_smallest(
             continue
         grasps[k], passed = f, shift_wrench(arm.base_to_tip, f - grasp_wrench[k])
         bases[k] = bases[k] + passed
-        if trunk is not None and not trunk.floats and name in trunk.mounts:
+        if name in trunk.mounts and not trunk.floats:
             below = below + shift_wrench(trunk.mounts[name].frame.p - trunk.base.p, passed)
     return array(grasps), array(bases), below

@@ -22,11 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, needed_wrench, pseudo_gravity
 from holdfast.dynamics.closed.stacked import block_diagonal
 from holdfast.dynamics.constraint import ConstraintRows, constraint_rows, free_wrenches, length_scale
-from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.dynamics.trunk.whole_chain import whole_chain
 from holdfast.errors import StateError
@@ -310,9 +308,6 @@ def _masses(motion: ChainMotion) -> tuple[Array, Array, Array]:
     """Return the mass matrix for [base; joints], the torques without accelerations, and the base's wrench then."""
     chain = motion.chain
     still, none = np.zeros(chain.joint_count), np.zeros((len(chain.arms), 6))
-    if motion.trunk is None:
-        M = block_diagonal([mass_matrix(arm.arm, arm.at)[0] for arm in motion.arms.values()])
-        return M, torques(motion, still, none), np.zeros(0)
     found = trunk_torques(motion, still, none, np.zeros(6) if chain.floats else None)
     return whole_chain(motion).M, found.tau, found.base[: 6 if chain.floats else 0]
 

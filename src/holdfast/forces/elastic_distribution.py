@@ -199,7 +199,7 @@ def programme(motion: ChainMotion, own: Numbers) -> Programme:
 
 def _asked(chain: ClosedChain, own: Numbers, common: Weights, alpha: Array) -> Demand:
     """Return what is asked of trunk and object; alpha (6,) is the object's acceleration minus [0; g]."""
-    part, joints = chain.joints.get(TRUNK, slice(0, 0)), chain.trunk.joints if chain.trunk is not None else ()
+    part, joints = chain.joints.get(TRUNK, slice(0, 0)), chain.joints_of.get(TRUNK, ())
     per_unit, ranges = per_torque(common, joints), np.zeros((2, 0))
     units, per_force = reciprocal(per_unit), reciprocal(common.force)
     effort = clip(per_unit * (common.effort_share * clip(own[LIMITS][3][part], -NO_LIMIT, NO_LIMIT)), 0.0, FARTHEST)

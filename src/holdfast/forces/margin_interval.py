@@ -21,7 +21,6 @@ from holdfast.dynamics.result import ForwardResult, Status, require_result_of
 from holdfast.forces.cone_program import AffineMargin, Largest, largest_least, largest_within, sensitive_directions
 from holdfast.forces.margins import conditions, grasp_margins
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
@@ -171,7 +170,7 @@ def internal_wrenches(motion: ChainMotion) -> Array:
 
 def without_base_load(motion: ChainMotion, wrenches: Array) -> Array:
     """Return a basis of the stacked wrenches (6l, k) that do not load a floating base, which has no drive."""
-    if motion.trunk is None or not motion.trunk.floats or not wrenches.shape[1]:
+    if not motion.trunk.floats or not wrenches.shape[1]:
         return wrenches
     loads = np.zeros((6, wrenches.shape[1]))
     for i, (name, arm) in enumerate(zip(motion.chain.grasps, motion.holding, strict=True)):
@@ -187,8 +186,7 @@ def joint_loads(motion: ChainMotion, wrenches: Array) -> Array:
     for i, (name, arm) in enumerate(zip(chain.grasps, motion.holding, strict=True)):
         f = wrenches[6 * i : 6 * i + 6]
         loads[chain.joints[name]] = jacobian(arm.arm, arm.at).T @ f
-        if motion.trunk is not None:
-            loads[chain.joints[TRUNK]] += motion.trunk.jacobian(name, arm.base_to_tip)[0].T @ f
+        loads[motion.trunk.joints] += motion.trunk.jacobian(name, arm.base_to_tip)[0].T @ f
     return loads
 
 

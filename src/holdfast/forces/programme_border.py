@@ -76,10 +76,7 @@ class Shared(NamedTuple):
 
 def shared_accelerations(motion: ChainMotion, free: bool) -> Shared:
     """Return the accelerations that arms share; those of the object are among them if it is `free`. O(n_t^2)."""
-    trunk, names = motion.trunk, motion.chain.names
-    M, T, S = np.zeros((0, 0)), np.zeros(0), {}
-    if trunk is not None:
-        S, M, T = of_trunk(trunk)
+    (S, M, T), names = of_trunk(motion.trunk), motion.chain.names
     k, more = len(T), 6 if free else 0
     mounts = [S.get(name, np.zeros((0, k))) for name in names]
     of_object = np.concatenate([np.zeros((6, k)), np.eye(6, more + 1)], 1) if free else np.zeros((6, k + 1))

@@ -9,11 +9,9 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.contact_places import tip_frames
 from holdfast.dynamics.inverse import require_holding
 from holdfast.dynamics.result import ForwardResult, require_result_of
-from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.trunk import TRUNK
 from holdfast.questions.arrays import Row
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
@@ -71,17 +69,14 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
     require_fit(chain, state)
     require_result_of(chain, result)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), shaped_inputs(chain, inputs))
-    found, trunk, betas = [], motion.trunk, []
-    if trunk is not None:
-        betas = trunk.accelerations(TrunkAcceleration(result.qdd[chain.joints[TRUNK]], result.base_acceleration))
+    found, carried = [], motion.trunk.carried(result.qdd, result.base_acceleration)
     for (name, arm), f in zip(motion.arms.items(), result.grasp_wrench, strict=True):
         R, tip = arm.at.end, arm.arm.tip.p
         across_tip = shift_wrench(tip, unrotate(R, arm.unknown(f)))  # the bias contains known wrenches
         if not arm.arm.joints:
             found.append(across_tip if arm.bias.of_base is None else across_tip + arm.bias.of_base)
             continue
-        beta = None if trunk is None else trunk.under(name, betas)
-        by_joints = tip_acceleration(arm, result.qdd[chain.joints[name]], beta) - arm.bias.tip_acceleration
+        by_joints = tip_acceleration(arm, result.qdd[chain.joints[name]], carried.get(name)) - arm.bias.tip_acceleration
         alpha = shift_twist(-tip, unrotate(R, by_joints))  # of the link's origin, without the bias
         found.append(across_tip + arm.arm.links[-1].spatial_inertia.apply(alpha) + arm.bias.wrenches[-1])
     return checks.finite(np.array(found), "last joint wrenches")

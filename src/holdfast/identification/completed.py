@@ -8,12 +8,10 @@ import numpy as np
 
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
-from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.identification.recording import FEWEST_SAMPLES, Recording
 from holdfast.identification.smoothing import Spline, smoothing_spline
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.trunk import TRUNK
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
@@ -106,13 +104,9 @@ def _object_motion(chain: ClosedChain, rigid: list[str], given: Recording, k: in
     twists = np.concatenate([arms[name].tip_twist for name in rigid])
     twist = np.linalg.lstsq(A, twists, rcond=None)[0] if given.object_twist is None else given.object_twist[k]
     found = moving(pose, twist)
-    trunk, betas = found.trunk, []
-    if trunk is not None:
-        base = None if given.base_acceleration is None else given.base_acceleration[k]
-        betas = trunk.accelerations(TrunkAcceleration(qdd[chain.joints[TRUNK]], base))
+    carried = found.trunk.carried(qdd, None if given.base_acceleration is None else given.base_acceleration[k])
     centripetal = {c: held.a for c, held in zip(chain.grasps, found.contacts, strict=True)}
     tips = []
     for name in rigid:
-        under = None if trunk is None else trunk.under(name, betas)
-        tips.append(tip_acceleration(arms[name], qdd[chain.joints[name]], under) - centripetal[name])
+        tips.append(tip_acceleration(arms[name], qdd[chain.joints[name]], carried.get(name)) - centripetal[name])
     return pose, twist, np.linalg.lstsq(A, np.concatenate(tips), rcond=None)[0] + pseudo_gravity(chain)

@@ -37,7 +37,6 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.constraint import constraint_rows
-from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.regressor import UNIT_BODIES, object_columns
 from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.identification.recording import Recording
@@ -144,8 +143,6 @@ def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Sett
     def needed(motion: ChainMotion) -> Array:
         """Return the torques that trunk and arms need without the object."""
         none = np.zeros((len(chain.arms), 6))
-        if motion.trunk is None:
-            return torques(motion, qdd, none)
         return trunk_torques(motion, qdd, none, base).tau
 
     motion = moved(np.zeros(3) if settings.gravity else chain.gravity)

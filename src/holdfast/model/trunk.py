@@ -23,6 +23,11 @@ TRUNK = "trunk"  # name of its joints in flat arrays, which no arm may have
 BASE = "base"  # name of the floating body as a mount for arms
 
 
+def bodies_of(trunk: Trunk | None) -> tuple[Link, ...]:
+    """Return the bodies of a trunk from the base outward; none without one."""
+    return () if trunk is None else trunk.bodies
+
+
 @called
 @dataclass(frozen=True, eq=False)
 class Trunk(Frozen):

@@ -116,7 +116,7 @@ class ConfigurationCost:
         arm, c = motion.arms[name], motion.contacts[[*self.chain.grasps].index(name)]
         J = jacobian(arm.arm, arm.at)
         columns = J
-        if motion.trunk is not None and name in self.chain.mounted_on:
+        if name in self.chain.mounted_on:
             columns = np.hstack([motion.trunk.jacobian(name, arm.base_to_tip)[0], J])
         below = columns.shape[1] - J.shape[1]
         w, v, turning, moving = J[:3].T, J[3:].T, columns[:3].T[:, None], columns[3:].T[:, None]

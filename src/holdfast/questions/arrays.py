@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from itertools import accumulate
 from typing import Any, Literal, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp, WrenchLimits
 from holdfast.model.link import Link
+from holdfast.model.trunk import bodies_of
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, found_state
 
@@ -108,7 +109,7 @@ def sizes(chain: ClosedChain) -> dict[str, int]:
         "arms": len(chain.arms),
         "grasps": len(chain.grasps),
         "links": sum(arm.joint_count for arm in chain.arms.values()),
-        "bodies": 0 if chain.trunk is None else len(chain.trunk.bodies),
+        "bodies": len(bodies_of(chain.trunk)),
         "freedoms": chain.contact_freedom_count,
         "couplings": len(chain.all_couplings),
         "touches": 0 if chain.touching is None else len(chain.touching.names),
@@ -142,10 +143,6 @@ def _of_model(name: str, axes: Axes, unit: str, meaning: str, value: Callable[[C
 
 def _links(chain: ClosedChain) -> list[Link]:
     return [link for arm in chain.arms.values() for link in arm.links]
-
-
-def _bodies(chain: ClosedChain) -> Sequence[Any]:
-    return () if chain.trunk is None else chain.trunk.bodies
 
 
 def _each(what: str, bodies: Iterable[Any]) -> list[Any]:
@@ -209,11 +206,11 @@ _ROWS = (
     _of_model("link_inertia", ("links", 3, 3), "kg m^2", "their inertias about the mass centres, link axes",
         lambda chain: _each("inertia", _links(chain))),
     _of_model("trunk_link_mass", ("bodies",), "kg", "masses of the trunk's bodies, a floating base first",
-        lambda chain: _each("mass", _bodies(chain)), "trunk"),
+        lambda chain: _each("mass", bodies_of(chain.trunk)), "trunk"),
     _of_model("trunk_link_com", ("bodies", 3), "m", "their mass centres, body axes",
-        lambda chain: _each("com", _bodies(chain)), "trunk"),
+        lambda chain: _each("com", bodies_of(chain.trunk)), "trunk"),
     _of_model("trunk_link_inertia", ("bodies", 3, 3), "kg m^2", "their inertias about the mass centres, body axes",
-        lambda chain: _each("inertia", _bodies(chain)), "trunk"),
+        lambda chain: _each("inertia", bodies_of(chain.trunk)), "trunk"),
     _of_model("joint_limits", (4, "n"), "", "lowest and highest positions, rate limits and effort limits of the"
         " joints; infinite for none", lambda chain: np.transpose(
             [(*joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in chain.freedoms])),

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.control.controller import Controller
-from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.dynamics.projection import Change, quickened
@@ -97,12 +96,8 @@ def _mass_matrix(motion: ChainMotion) -> Array:
     n, size = chain.joint_count, chain.velocity_count
     M = np.zeros((size, size))
     M[n : n + 6, n : n + 6] = motion.body.inertia.dense()
-    if motion.trunk is not None:
-        places = np.r_[n + 6 : size, :n]  # in that matrix the floating base comes first
-        M[np.ix_(places, places)] += whole_chain(motion).M
-        return M
-    for name, arm in motion.arms.items():
-        M[chain.joints[name], chain.joints[name]] = mass_matrix(arm.arm, arm.at)[0]
+    places = np.r_[n + 6 : size, :n]  # in that of the whole chain a floating base comes first
+    M[np.ix_(places, places)] += whole_chain(motion).M
     return M
 
 

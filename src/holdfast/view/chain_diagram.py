@@ -157,7 +157,7 @@ def _loops(
 
 def _trunk(chain: ClosedChain, left: float, height: float, rows: dict[str, float]) -> list[str]:
     """Return the trunk: its base, its joints, and the vertical line at which the arms on it begin."""
-    joints = () if chain.trunk is None else chain.trunk.joints
+    joints = chain.joints_of.get(TRUNK, ())
     mounted = [rows[name] for name in chain.mounts] or [height / 2]
     y, start = 0.5 * (min(mounted) + max(mounted)), left - _length(joints) - 14.0
     base = _ground(start, y, TRUNK_COLOUR)

@@ -16,6 +16,8 @@ from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, ObjectCase
 from holdfast.dynamics.trunk.trunk_motion import (
+    NO_ACCELERATION,
+    NO_TRUNK,
     TrunkAcceleration,
     TrunkMotion,
     base_motion,
@@ -44,10 +46,10 @@ class ChainMotion:
         body: motion of the object; its wrench includes those of bushings.
         generic_rank: number of independent constraint rows away from singular configurations, as many of which are then
             imposed (`held_rows`); None if the pivot of each row decides.
-        trunk: motion of the trunk; None without one.
+        trunk: motion of the trunk.
         cases: arguments of every arm's equations, by name; empty for a chain at rest.
         object_case: arguments of the object's equations; None at rest.
-        trunk_case: arguments of the trunk's equations; None without one or at rest.
+        trunk_case: arguments of the trunk's equations; None at rest.
     """
 
     chain: ClosedChain
@@ -55,7 +57,7 @@ class ChainMotion:
     contacts: list[Contact]
     body: ObjectMotion
     generic_rank: Scalar = None
-    trunk: TrunkMotion | None = None
+    trunk: TrunkMotion = NO_TRUNK
     cases: Mapping[str, ArmCase] = field(default_factory=dict)
     object_case: ObjectCase | None = None
     trunk_case: TrunkCase | None = None
@@ -72,8 +74,8 @@ class ChainMotion:
 
     def at_rest_with(self, contacts: list[Contact]) -> ChainMotion:
         """Return the motion with other contacts, and with object and trunk at rest, for the filter of a projection."""
-        free, trunk = self.body.free.at_rest(), None if self.trunk is None else self.trunk.at_rest()
-        return replace(self, contacts=contacts, body=replace(self.body, free=free), trunk=trunk)
+        body = replace(self.body, free=self.body.free.at_rest())
+        return replace(self, contacts=contacts, body=body, trunk=self.trunk.at_rest())
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +94,7 @@ class Solution:
         rank: number of independent rows of the grasp constraint, if it is computed.
         weakest_pivot: the smallest relative pivot.
         held: mask of the constraint rows that are imposed, if they were chosen; see `held_rows`.
-        trunk: acceleration of the trunk; None without one.
+        trunk: acceleration of the trunk.
         trunk_pivots: (n_t,) articulated inertias about the joints of the trunk.
         tips: per arm, its tip response, if the algorithm uses it.
         factors, second: as returned by `chain_elimination`.
@@ -107,11 +109,11 @@ class Solution:
     rank: Scalar = None
     weakest_pivot: Scalar = 1.0
     held: Array | None = None
-    trunk: TrunkAcceleration | None = None
-    trunk_pivots: Array | None = None
+    trunk: TrunkAcceleration = NO_ACCELERATION
+    trunk_pivots: Array = field(default_factory=lambda: np.zeros(0))
     tips: list[TipResponse] = field(default_factory=list)
     factors: Any = None
-    second: tuple[list[Array], Array] | None = None
+    second: Any = None
 
 
 def pseudo_gravity(chain: ClosedChain) -> Array:
@@ -142,7 +144,7 @@ def chain_motion(
     assert inputs.object_wrench is not None
     gravity, frame, twist_of_object = pseudo_gravity(chain), state.object_frame, state.object_twist
     trunk = trunk_motion(chain, state, tau, inputs)
-    mounts = {} if trunk is None else trunk.mounts
+    mounts = trunk.mounts
     bases = list(zip(inputs.base_twists, inputs.base_accelerations - gravity, strict=True))
     first = chain.joint_count - sum(arm.joint_count for arm in chain.arms.values())  # first row in link wrenches
     given = []
@@ -171,17 +173,19 @@ def chain_motion(
     return replace(motion, cases=cases, object_case=held, trunk_case=trunk_case(chain, state, tau, inputs))
 
 
-def trunk_case(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> TrunkCase | None:
-    """Return the arguments of the trunk's equations; None without a trunk."""
-    trunk = chain.trunk
+def trunk_case(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> TrunkCase:
+    """Return the arguments of the trunk's equations."""
+    trunk, none = chain.trunk, np.zeros(6)
     if trunk is None:
-        return None
+        return TrunkCase(None, None, NO_TRUNK.base, none[:0], none[:0], none[:0], none, none, np.zeros((0, 6)), {})
     part, (twist, zeta) = chain.joints[TRUNK], base_motion(chain, state, inputs)
     wrenches = inputs.trunk_link_wrenches
     mounts = {name: (k, chain.arms[name].base) for name, k in chain.mounted_on.items()}
     base = trunk.base if state.base_frame is None else state.base_frame
     pushed = np.zeros((len(trunk.bodies), 6)) if wrenches is None else wrenches
-    return TrunkCase(trunk, base, state.q[part], state.qd[part], tau[part], twist, zeta, pushed, mounts)
+    return TrunkCase(
+        trunk.floating, trunk.serial, base, state.q[part], state.qd[part], tau[part], twist, zeta, pushed, mounts
+    )
 
 
 def arm_and_grasp(case: ArmCase, at: Kinematics | None = None) -> tuple[ArmMotion, Contact | None, ArmCase]:
@@ -208,7 +212,7 @@ def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
     """
     none, frame = np.zeros(6), state.object_frame
     trunk = trunk_at_rest(chain, state)
-    mounts = {} if trunk is None else trunk.mounts
+    mounts = trunk.mounts
     found = each(
         lambda arm, q, grasp, columns: arm_at_rest(arm, q, grasp, frame, columns),
         [arm.standing_at(mounts[name].frame) if name in mounts else arm for name, arm in chain.arms.items()],
@@ -233,7 +237,7 @@ def _together(
     chain: ClosedChain,
     found: list[tuple[ArmMotion, Contact | None]],
     body: ObjectMotion,
-    trunk: TrunkMotion | None,
+    trunk: TrunkMotion,
 ) -> ChainMotion:
     arms = {name: motion for name, (motion, _) in zip(chain.arms, found, strict=True)}
     return ChainMotion(chain, arms, [held for _, held in found if held is not None], body, trunk=trunk)

@@ -52,11 +52,9 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
     """
     chain = motion.chain
     lone = [name for name in chain.arms if name not in chain.grasps]
-    trunk, betas, of_columns = motion.trunk, [], dict.fromkeys(lone)
-    if trunk is not None and found.trunk is not None:
-        betas = trunk.accelerations(found.trunk)
-        of_columns = {name: trunk.of_columns(name, found.trunk, betas) for name in lone}
-    holds = [None if trunk is None else trunk.under(name, betas) for name in chain.grasps]
+    trunk, betas = motion.trunk, motion.trunk.accelerations(found.trunk)
+    of_columns = {name: trunk.of_columns(name, found.trunk, betas) for name in lone}
+    holds = [trunk.under(name, betas) for name in chain.grasps]
     alone = each_of(lone, lambda arm, beta: unloaded(arm, route, beta), motion.arms, of_columns)
     bases = found.base_wrenches
     if bases is None:
@@ -82,29 +80,30 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
     holding = zip(chain.grasps, zip(found.qdd, whole, bases, strict=True), strict=True)
     none = np.zeros(6)
     of_arm = dict(holding) | {name: (qdd, none, base) for name, (qdd, base, _) in alone.items()}
-    of_trunk = () if found.trunk is None else (found.trunk.qdd,)
     return ChainSolution(
-        concatenate([*of_trunk, *(of_arm[name][0] for name in chain.arms)]),
+        concatenate([found.trunk.qdd, *(of_arm[name][0] for name in chain.arms)]),
         array([of_arm[name][1] for name in chain.arms]).reshape(-1, 6),
         found.object_acceleration + pseudo_gravity(chain),
         rates,
         array([of_arm[name][2] for name in chain.arms]).reshape(-1, 6),
         {name: pivots for name, (_, _, pivots) in alone.items()},
-        None if found.trunk is None else found.trunk.base,
-        None if trunk is None else base_wrench(trunk, betas, {name: of_arm[name][2] for name in trunk.mounts}),
+        found.trunk.base,
+        base_wrench(trunk, betas, {name: of_arm[name][2] for name in trunk.mounts}),
     )
 
 
-def base_wrench(trunk: TrunkMotion, betas: Sequence[Array], of_arms: Mapping[str, Array]) -> Array:
+def base_wrench(trunk: TrunkMotion, betas: Sequence[Array], of_arms: Mapping[str, Array]) -> Array | None:
     """Return the wrench of the base on the trunk, (6,) about the base origin, world axes; 0 for a floating base.
+
+    Without bodies there is none.
 
     Args:
         trunk: the trunk's motion.
         betas: per body, the acceleration that is added by the accelerations of the trunk's joints.
         of_arms: by name, the wrench of the trunk on each arm, about the arm's base origin.
     """
-    if trunk.floats:
-        return np.zeros(6)
+    if trunk.floats or not trunk.bodies:
+        return np.zeros(6) if trunk.floats else None
     total = np.zeros(6)
     for k in reversed(range(len(trunk.bodies))):
         body = trunk.bodies[k]

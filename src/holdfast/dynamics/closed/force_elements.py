@@ -20,6 +20,7 @@ from holdfast.model.bushing import Deflection
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.force_element import HELD_OBJECT, Deformation, EndMotion, SpringEnd
 from holdfast.model.grasp import Grasp
+from holdfast.model.trunk import TRUNK, bodies_of
 from holdfast.spatial.frozen import changed
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, each_of
@@ -42,10 +43,9 @@ def with_force_elements(chain: ClosedChain, state: State, inputs: Inputs) -> Inp
         return inputs
     assert inputs.object_wrench is not None
     of_object, of_links, of_trunk = inputs.object_wrench, inputs.link_wrenches, inputs.trunk_link_wrenches
-    first = 0 if chain.trunk is None else chain.trunk.joint_count
+    first = len(chain.joints_of.get(TRUNK, ()))
     rows = [np.zeros(6)] * (chain.joint_count - first) if of_links is None else list(of_links)
-    bodies = [np.zeros(6)] * (0 if chain.trunk is None else len(chain.trunk.bodies))
-    bodies = bodies if of_trunk is None else list(of_trunk)
+    bodies = [np.zeros(6)] * len(bodies_of(chain.trunk)) if of_trunk is None else list(of_trunk)
     motions = end_motions(chain, state, inputs)
     for k, (element, of_ends, one) in enumerate(zip(chain.springs, motions, _between(chain, motions), strict=True)):
         name = f"wrench of spring {k}, from '{element.a.body}' to '{element.b.body}'"
@@ -110,7 +110,7 @@ def end_motions(chain: ClosedChain, state: State, inputs: Inputs) -> list[tuple[
         if end.on_arm:
             return next(placed[end.body])
         if end.on_trunk:
-            body = at.trunk[_trunk_body(chain, end)]
+            body = at.trunk.bodies[_trunk_body(chain, end)]
             return _on_body(end.point, body.frame, body.twist)
         if end.body == HELD_OBJECT:
             return _on_body(end.point, state.object_frame, state.object_twist)

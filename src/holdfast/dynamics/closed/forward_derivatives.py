@@ -16,17 +16,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion
-from holdfast.dynamics.closed.second_solve import Load, Point, right_hand_side, second_solve
+from holdfast.dynamics.closed.second_solve import Load, Point, TrunkLoad, right_hand_side, second_solve
 from holdfast.dynamics.closed.sequential import Second
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns
+from holdfast.dynamics.tree.of_chain import ChainLoads
 from holdfast.dynamics.trunk.trunk_derivatives import (
     TRUNK_TO_ARM_NAMES,
-    TrunkLoad,
     TrunkRates,
     gradient_through_trunk,
-    multipliers_through_trunk,
-    second_solve_through_trunk,
     trunk_load,
     trunk_rates,
     trunk_residual_rates_along,
@@ -47,13 +45,13 @@ class VirtualPower(NamedTuple):
         sign: 1.0 or -1.0.
         z: solution by arm.
         y: multipliers by arm.
-        trunk: y of the trunk; None without one.
+        trunk: y of the trunk.
     """
 
     sign: float
     z: Mapping[str, ArmUnknowns]
     y: Mapping[str, ArmUnknowns]
-    trunk: TrunkUnknowns | None
+    trunk: TrunkUnknowns
 
 
 def backward(
@@ -80,14 +78,14 @@ def backward(
     chain = at.motion.chain
     alpha_bar = cotangents.get("object_acceleration", np.zeros(6))
     loads = {name: cotangents_of(chain, name, cotangents) for name in chain.arms}
-    if at.trunk is None:
-        y, of_object = second_solve(at, loads, alpha_bar, together=together)
-        y = {name: one._replace(base=loads[name].base) for name, one in y.items()}
-        of_trunk = None
-    else:
-        y, of_object, of_trunk = multipliers_through_trunk(at, loads, alpha_bar, trunk_load(at, cotangents))
+    case = at.motion.trunk_case
+    assert case is not None
+    solved = second_solve(at, loads, alpha_bar, trunk_load(at.motion, cotangents), together=together)
+    bases, carried = {name: load.base for name, load in loads.items()}, case.carried(at.trunk, solved.trunk)
+    bases |= {name: bases[name] + base.virtual for name, base in carried.items()}
+    y = {name: one._replace(base=bases[name]) for name, one in solved.arms.items()}
     y = {name: one._replace(known=-loads[name].gap) if name in chain.bushings else one for name, one in y.items()}
-    of_arms, below = gradient_of_arms(at, at.unknowns, y, of_trunk, by)
+    of_arms, below = gradient_of_arms(at, at.unknowns, y, solved.trunk, by)
     for sign, z, multipliers, below_them in also:
         more, under = gradient_of_arms(at, z, multipliers, below_them, by)
         of_arms = {arm: {name: x - sign * more[arm][name] for name, x in g.items()} for arm, g in of_arms.items()}
@@ -109,17 +107,17 @@ def backward(
     held = [of_arms[name] for name in chain.grasps]
     if "grasp_pose" in by:
         found["grasp_pose"] = array([g["grasp_pose"] for g in held])
-    return found | object_gradient(at, of_object, held, by)
+    return found | object_gradient(at, solved.object_acceleration, held, by)
 
 
 def gradient_of_arms(
     at: Point,
     z: Mapping[str, ArmUnknowns],
     y: Mapping[str, ArmUnknowns],
-    of_trunk: TrunkUnknowns | None,
+    of_trunk: TrunkUnknowns,
     by: Sequence[str],
 ) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
-    """Return -dL/dtheta of every arm, and of the trunk (if there is one) including the effect on its arms' bases.
+    """Return -dL/dtheta of every arm, and of the trunk including the effect on its arms' bases.
 
     Args:
         at: the point.
@@ -129,10 +127,10 @@ def gradient_of_arms(
         by: names of the arguments.
     """
     chain, names = at.motion.chain, numbers_of(by)
-    mounted = names if at.trunk is None else list(dict.fromkeys((*names, *MOTION)))
+    mounted = list(dict.fromkeys((*names, *MOTION)))
     wanted = {name: mounted if name in chain.mounted_on else names for name in chain.arms}
     of_arms = each_of(chain.arms, arm_gradient, at.cases, z, y, wanted)
-    return of_arms, {} if of_trunk is None else gradient_through_trunk(at, z, y, of_trunk, of_arms, by)
+    return of_arms, gradient_through_trunk(at, z, y, of_trunk, of_arms, by)
 
 
 def arm_gradient(case: ArmCase, z: ArmUnknowns, y: ArmUnknowns, names: Sequence[str]) -> dict[str, Array]:
@@ -200,7 +198,7 @@ def forward_along(
     own = list(own_rates_of_object(at, still))
     of_object = case.residual(at.found.object_acceleration, own) if own else None
     of_arms = arm_residual_rates_along(at, at.unknowns, still)
-    of_trunk = None if at.trunk is None else trunk_residual_rates_along(at, still)
+    of_trunk = trunk_residual_rates_along(at, still)
     return lambda tangents: solved_for_rates(at, tangents, of_object, of_arms, of_trunk)
 
 
@@ -216,7 +214,7 @@ def solved_for_rates(
     tangents: Mapping[str, Array],
     of_object: Linear | None,
     of_arms: Callable[[Mapping[str, Array]], dict[str, ArmUnknowns]],
-    of_trunk: TrunkRates | None,
+    of_trunk: TrunkRates,
 ) -> dict[str, Array]:
     """Return the rates of the results, of the linearised equations of object, arms and trunk; see `forward`."""
     chain, none = at.motion.chain, np.zeros(6)
@@ -226,25 +224,19 @@ def solved_for_rates(
     changed = of_arms(tangents)
     wrench, _ = scan(lambda total, r: (total - r.object_acceleration, None), -residual, changed.values())
     loads = {name: Load(-r.qdd, -r.wrench, -r.contact_acceleration, none) for name, r in changed.items()}
-    below: list[Array] = []
-    below_all: dict[str, Array] = {}
-    if of_trunk is None:
-        found, alpha = second_solve(at, loads, wrench)
-    else:
-        r_t = of_trunk(tangents, changed)
-        floats = chain.floats
-        solved = second_solve_through_trunk(at, loads, wrench, TrunkLoad(-r_t.qdd, -r_t.base if floats else none, none))
-        found, alpha, below = solved.arms, solved.object_acceleration, [solved.trunk.qdd]
-        below_all = {BASE_RESULT: none if floats else solved.base_wrench + r_t.base}
-        below_all |= {FLOATING_RESULT: solved.trunk.base} if floats else {}
+    r_t, floats = of_trunk(tangents, changed), chain.floats
+    solved = second_solve(at, loads, wrench, TrunkLoad(-r_t.qdd, -r_t.base if floats else none, none))
+    found, under = solved.arms, solved.base_wrench
+    below = {} if under is None else {BASE_RESULT: none if floats else under + r_t.base}
+    below |= {FLOATING_RESULT: solved.trunk.base} if floats else {}
     gravity = concatenate([np.zeros(3), tangents["gravity"]]) if "gravity" in tangents else none
     wrenches = {name: found[name].wrench for name in chain.arms}
     wrenches |= {name: wrenches[name] + changed[name].known for name in chain.bushings}
     bases = [found[name].base + r.base for name, r in changed.items()]
-    return below_all | {
-        "qdd": concatenate([*below, *(found[name].qdd for name in chain.arms)]),
+    return below | {
+        "qdd": concatenate([solved.trunk.qdd, *(found[name].qdd for name in chain.arms)]),
         "grasp_wrench": array([*wrenches.values()]),
-        "object_acceleration": alpha + gravity,
+        "object_acceleration": solved.object_acceleration + gravity,
         "contact_acceleration": concatenate([found[name].contact_acceleration for name in chain.grasps]),
         "base_wrench": array(bases),
     }
@@ -261,15 +253,12 @@ def arm_residual_rates_along(
     at: Point, z: Mapping[str, ArmUnknowns], still: Mapping[str, Array]
 ) -> Callable[[Mapping[str, Array]], dict[str, ArmUnknowns]]:
     """Return `arm_residual_rates` as a function of rates of the arguments that have some in `still`, which are zero."""
-    chain, case = at.motion.chain, at.motion.trunk_case
-    motion = None
-    if at.trunk is not None and case is not None:
-        motion = case.base_motion(at.trunk, list(trunk_rates(at, still)))
+    chain, trunk = at.motion.chain, at.motion.trunk_case
+    assert trunk is not None
+    motion = trunk.base_motion(at.trunk, list(trunk_rates(at, still)))
 
     def given(tangents: Mapping[str, Array]) -> dict[str, dict[str, Array]]:
-        of_object, carried = object_rates(at, tangents), dict[str, dict[str, Array]]()
-        if motion is not None and case is not None:
-            carried = case.base_rates(motion, trunk_rates(at, tangents))
+        of_object, carried = object_rates(at, tangents), trunk.base_rates(motion, trunk_rates(at, tangents))
         own = {name: tangents_of(at, name, tangents, carried.get(name)) for name in chain.arms}
         own |= {name: own[name] | of_object for name in chain.grasps}
         return each_of(chain.arms, arm_rates, at.cases, own)
@@ -296,9 +285,8 @@ def known_beforehand(motion: ChainMotion, cotangents: Mapping[str, Array]) -> Se
     loads = {name: cotangents_of(motion.chain, name, cotangents) for name in motion.chain.arms}
     alpha_bar = cotangents.get("object_acceleration", np.zeros(6))
 
-    def second(tips: list[TipResponse]) -> tuple[list[Array], Array]:
-        found = right_hand_side(motion, tips, loads, alpha_bar)
-        return found.gaps, found.wrench
+    def second(tips: Mapping[str, TipResponse]) -> ChainLoads:
+        return right_hand_side(motion, tips, loads, alpha_bar, trunk_load(motion, cotangents)).loads
 
     return second
 

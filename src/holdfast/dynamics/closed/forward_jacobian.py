@@ -21,8 +21,9 @@ from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.closed.self_response import JOINT_ARGUMENTS, SelfResponse, joint_responses, self_response
 from holdfast.dynamics.closed.tip_response import RECURSION_PAYS_FROM, TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns
-from holdfast.dynamics.tree.of_chain import solved_again
+from holdfast.dynamics.tree.of_chain import ChainLoads, solved_again
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.trunk import bodies_of
 from holdfast.questions.arrays import ARRAYS, OF_JOINTS, OF_LINKS, OF_OBJECT, Shape, gradient_shapes
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, array, concatenate, each, each_of
@@ -80,7 +81,7 @@ def jacobian(
     """
     chain, others = at.motion.chain, together or {}
     # Arms on a trunk move each other.
-    whole = {name for name in by if name in OF_CHAIN or chain.trunk is not None or name in others}
+    whole = {name for name in by if name in OF_CHAIN or bodies_of(chain.trunk) or name in others}
     own = [name for name in by if name not in whole]
     rows = 6 * len(chain.grasps) + (6 if any(reaches_object(chain, name) for name in own) else 0)
     unit_responses = each(lambda e: unit_response(at, e), units[:rows, :rows]) if own else []
@@ -115,10 +116,10 @@ def responses_by_joints(at: Point, names: tuple[str, ...]) -> dict[str, dict[str
 
 def units_needed(chain: ClosedChain, by: Sequence[str]) -> int:
     """Return the size of the identity that `jacobian` needs for some arguments."""
-    if chain.trunk is not None or chain.springs:
+    if bodies_of(chain.trunk) or chain.springs:
         shapes = gradient_shapes(chain)
         most = max(math.prod(shapes[name]) for name in by)
-        return most if chain.trunk is not None else max(most, 6 * len(chain.grasps) + 6)
+        return most if bodies_of(chain.trunk) else max(most, 6 * len(chain.grasps) + 6)
     counts = [arm.joint_count for arm in chain.arms.values()]
     sizes = [int(np.prod(arm_shape(name, N))) for name in by if name not in OF_CHAIN for N in counts]
     return max([6 * len(chain.grasps) + 6, 9, *sizes])
@@ -146,7 +147,8 @@ def unit_response(at: Point, unit: Array) -> tuple[list[Array], Array]:
     count = len(at.motion.contacts)
     assert at.found.factors is not None
     wrench = unit[6 * count :] if len(unit) > 6 * count else np.zeros(6)
-    return solved_again(at.found.factors, [unit[6 * i : 6 * i + 6] for i in range(count)], wrench)
+    gaps = [unit[6 * i : 6 * i + 6] for i in range(count)]
+    return solved_again(at.found.factors, ChainLoads(gaps, wrench))[:2]
 
 
 def unit_wrenches(tip: TipResponse, arm: ArmMotion) -> ByWrench:

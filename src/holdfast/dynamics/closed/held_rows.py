@@ -33,12 +33,12 @@ TOLERANCES = (1e-2, 1e-4, 1e-8, RANK_TOLERANCE)
 CHOSEN = (
     "wrenches",
     "object_acceleration",
-    "rank",
-    "weakest_pivot",
-    "independent",
     "trunk",
     "betas",
     "columns",
+    "rank",
+    "weakest_pivot",
+    "independent",
     "pivots",
 )
 

@@ -26,7 +26,7 @@ def kkt(motion: ChainMotion) -> Solution:
         MethodNotApplicable: the matrix is singular.
     """
     s = Stacked(motion)
-    M, T_free, J = (s.M, s.T_free, s.J) if motion.trunk is None else whole_chain(motion)
+    M, T_free, J = whole_chain(motion, [*motion.chain.grasps, *motion.lone_on_trunk])
     l6, n, w = len(s.a), len(T_free), s.HT.shape[1]
     zeros = np.zeros
     matrix = np.block(
@@ -45,6 +45,4 @@ def kkt(motion: ChainMotion) -> Solution:
             " try method='sequential'"
         )
     f, qdd, alpha_C, W_dot = np.split(x, np.cumsum([l6, n, 6]))
-    if motion.trunk is not None:
-        return of_whole_chain(motion, qdd, f, W_dot, alpha_C)
-    return s.solution(qdd, f, W_dot, alpha_C)
+    return of_whole_chain(motion, qdd, f, W_dot, alpha_C)

@@ -10,21 +10,36 @@ directions is known in advance. Bases may accelerate, and their wrenches are ret
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmMotion, driven
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
-from holdfast.dynamics.closed.chain_solution import contact_acceleration
+from holdfast.dynamics.closed.chain_solution import base_wrench, contact_acceleration
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.tip_response import Route, TipResponse, responded, tip_response
 from holdfast.dynamics.closed.virtual_power import ArmCase, ArmUnknowns
-from holdfast.dynamics.tree.of_chain import solved_again
+from holdfast.dynamics.tree.of_chain import ChainLoads, solved_again
+from holdfast.dynamics.trunk.trunk_motion import TrunkMotion
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
 from holdfast.spatial.scalar import Array, each, each_of, scan
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+
+
+class TrunkLoad(NamedTuple):
+    """The trunk's part of r.
+
+    Attributes:
+        torque: (n_t,) torques of its joints.
+        wrench: (6,) wrench on a floating base about its origin, world axes; 0 without one.
+        base: (6,) acceleration of a base in the world; 0 for a floating base.
+    """
+
+    torque: Array
+    wrench: Array
+    base: Array
 
 
 class Load(NamedTuple):
@@ -53,7 +68,7 @@ class Point:
         tips: tip responses of all arms, by name.
         unknowns: the solution by arm, in which the base's wrench is zero.
         cases: arguments of every arm's equations, by name; bases on a trunk accelerate with it.
-        trunk: the trunk's part of the solution; None without one.
+        trunk: the trunk's part of the solution.
     """
 
     motion: ChainMotion
@@ -61,7 +76,7 @@ class Point:
     tips: Mapping[str, TipResponse]
     unknowns: Mapping[str, ArmUnknowns]
     cases: Mapping[str, ArmCase]
-    trunk: TrunkUnknowns | None = None
+    trunk: TrunkUnknowns
 
 
 def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
@@ -75,13 +90,12 @@ def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
     chain, alpha, none = motion.chain, found.object_acceleration, np.zeros(6)
     lone = [name for name in chain.arms if name not in chain.grasps]
     alone = each_of(lone, lambda arm: tip_response(arm, route), motion.arms)
-    trunk, cases, moved, of_columns = None, motion.cases, dict.fromkeys(chain.arms), dict.fromkeys(chain.arms)
-    if motion.trunk is not None and found.trunk is not None:
-        betas = motion.trunk.accelerations(found.trunk)
-        trunk = TrunkUnknowns(found.trunk.qdd, none if found.trunk.base is None else found.trunk.base)
-        moved = {name: motion.trunk.under(name, betas) for name in chain.arms}
-        of_columns = {name: motion.trunk.of_columns(name, found.trunk, betas) for name in chain.arms}
-        cases = each_of(cases, lambda case, beta: case.moved(beta), cases, moved)
+    betas = motion.trunk.accelerations(found.trunk)
+    trunk = TrunkUnknowns(found.trunk.qdd, none if found.trunk.base is None else found.trunk.base)
+    moved = {name: motion.trunk.under(name, betas) for name in chain.arms}
+    of_columns = {name: motion.trunk.of_columns(name, found.trunk, betas) for name in chain.arms}
+    on = each_of(motion.trunk.mounts, lambda case, beta: case.moved(beta), motion.cases, moved)
+    cases = {**motion.cases, **on}
     rates = each(
         lambda arm, c, qdd, beta: contact_acceleration(arm, c, qdd, alpha, beta),
         motion.holding,
@@ -101,73 +115,121 @@ def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
 
 
 class RightHandSide(NamedTuple):
-    """The right-hand side of the object's filter for given loads.
+    """The right-hand side of the elimination for given loads.
 
     Attributes:
-        tips: per grasp, the arm's tip response with its load.
+        loads: of the forest.
+        tips: by name, the arms' tip responses with their loads.
         known: per grasp, (6,) the wrench along the free directions.
-        gaps: per grasp, (6,) r about the contact point, world axes.
-        wrench: (6,) wrench on the object about C, world axes.
     """
 
-    tips: list[TipResponse]
+    loads: ChainLoads
+    tips: dict[str, TipResponse]
     known: list[Array]
-    gaps: list[Array]
-    wrench: Array
 
 
 def right_hand_side(
-    motion: ChainMotion, tips: list[TipResponse], loads: Mapping[str, Load], wrench: Array
+    motion: ChainMotion, tips: Mapping[str, TipResponse], loads: Mapping[str, Load], wrench: Array, below: TrunkLoad
 ) -> RightHandSide:
-    """Return the right-hand side of the filter; see `second_solve`.
+    """Return the right-hand side of the elimination; see `second_solve`.
 
     Args:
         motion: the chain's motion.
-        tips: per grasp, the arm's tip response.
+        tips: by name, the tip responses of the arms with a grasp, and of others, which are loaded, too.
         loads: loads by arm.
         wrench: (6,) r_a.
+        below: load of the trunk.
     """
-    held = [loads[name] for name in motion.chain.grasps]
-    loaded = each(loaded_response, tips, motion.holding, held)
+    trunk, grasps = driven_trunk(motion.trunk, below), motion.chain.grasps
+    bases = {name: loads[name].base + mount.acceleration for name, mount in trunk.mounts.items()}
+    loads = {**loads, **{name: loads[name]._replace(base=base) for name, base in bases.items()}}
+    held = [loads[name] for name in grasps]
+    loaded = each(loaded_response, [tips[name] for name in grasps], motion.holding, held)
     known = each(lambda c, load: along_free(c, load.free), motion.contacts, held)
     gaps = each(lambda tip, f, load: tip.free_acceleration - tip.mobility.apply(f) - load.gap, loaded, known, held)
-    if any(grasp.free for grasp in motion.chain.grasps.values()):
+    if any(grasp.free for grasp in grasps.values()):
         wrench, _ = scan(lambda w, c, f: (w + shift_wrench(c.offset, f), None), wrench, motion.contacts, known)
-    return RightHandSide(loaded, known, gaps, wrench)
+    lone = each_of([name for name in tips if name not in grasps], loaded_response, tips, motion.arms, loads)
+    found = dict(zip(grasps, loaded, strict=True)) | lone
+    pushed = dict(zip(grasps, known, strict=True))
+    on_trunk = {name: with_known(tip, pushed.get(name)) for name, tip in found.items() if name in trunk.mounts}
+    return RightHandSide(ChainLoads(gaps, wrench, trunk, on_trunk), found, known)
+
+
+class SecondSolution(NamedTuple):
+    """The solution z.
+
+    Attributes:
+        arms: parts of z by arm; `base` is the wrench of the base, or of the trunk, on the arm.
+        object_acceleration: (6,) acceleration of the object.
+        trunk: accelerations of the trunk's joints and base.
+        base_wrench: (6,) wrench of the base on the trunk; None without bodies.
+    """
+
+    arms: dict[str, ArmUnknowns]
+    object_acceleration: Array
+    trunk: TrunkUnknowns
+    base_wrench: Array | None
 
 
 def second_solve(
-    at: Point, loads: Mapping[str, Load], wrench: Array, *, together: bool = False
-) -> tuple[dict[str, ArmUnknowns], Array]:
-    """Return z by arm, including the base's wrench, and z_a. O(n) + O(l).
+    at: Point, loads: Mapping[str, Load], wrench: Array, below: TrunkLoad, *, together: bool = False
+) -> SecondSolution:
+    """Return z. O(n) + O(l).
 
     Args:
         at: the point.
         loads: loads by arm; for arms without a grasp the gap is not used.
         wrench: (6,) r_a, about C, world axes.
-        together: whether the filter already received these loads when it solved for the point.
+        below: load of the trunk.
+        together: whether the elimination already received these loads when it solved for the point.
     """
     chain, motion, none = at.motion.chain, at.motion, np.zeros(6)
-    lone = [name for name in chain.arms if name not in chain.grasps]
-    held = [loads[name] for name in chain.grasps]
-    tips, known, gaps, wrench = right_hand_side(motion, [at.tips[name] for name in chain.grasps], loads, wrench)
-    if together:
-        assert at.found.second is not None
-        wrenches, alpha = at.found.second
-    else:
-        assert at.found.factors is not None
-        wrenches, alpha = solved_again(at.found.factors, gaps, wrench)
-    found = each(
-        lambda c, tip, load, f, own: arm_solution(c, tip, load, f + own, alpha),
+    rhs = right_hand_side(motion, at.tips, loads, wrench, below)
+    assert at.found.factors is not None
+    found = at.found.second if together else solved_again(at.found.factors, rhs.loads)
+    alpha, tips, trunk = found.object_acceleration, rhs.tips, rhs.loads.trunk
+    betas = {name: found.columns.get(name) for name in chain.arms}
+    holds = each(
+        lambda c, tip, load, f, own, beta: arm_solution(c, tip, load, f + own, alpha, beta),
         motion.contacts,
-        tips,
-        held,
-        wrenches,
-        known,
+        [tips[name] for name in chain.grasps],
+        [loads[name] for name in chain.grasps],
+        found.wrenches,
+        rhs.known,
+        [betas[name] for name in chain.grasps],
     )
-    alone = each_of(lone, lambda *one: loaded_response(*one).back_substitute(none), at.tips, motion.arms, loads)
-    others = {name: ArmUnknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in alone.items()}
-    return dict(zip(chain.grasps, found, strict=True)) | others, alpha
+    lone = [name for name in chain.arms if name not in chain.grasps]
+    others = each_of(lone, lambda tip, beta: tip.back_substitute(none, beta), tips, betas)
+    solved = {name: ArmUnknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in others.items()}
+    solved |= dict(zip(chain.grasps, holds, strict=True))
+    of_base = base_wrench(trunk, found.betas, {name: solved[name].base for name in trunk.mounts})
+    moved = below.base if found.trunk.base is None else found.trunk.base
+    return SecondSolution(solved, alpha, TrunkUnknowns(found.trunk.qdd, moved), of_base)
+
+
+def driven_trunk(trunk: TrunkMotion, load: TrunkLoad) -> TrunkMotion:
+    """Return the trunk at rest with a load."""
+    still, zeta, bodies, k = trunk.at_rest(), load.base, [], 0
+    for body in still.bodies:
+        if body.joint is None:
+            bodies.append(body._replace(wrench=-load.wrench))
+            continue
+        zeta = shift_twist(body.reach, zeta)
+        bodies.append(body._replace(zeta=zeta, wrench=body.inertia.apply(zeta), torque=load.torque[k]))
+        k += 1
+    mounts = {
+        name: mount._replace(acceleration=shift_twist(mount.offset, bodies[mount.body].zeta))
+        for name, mount in still.mounts.items()
+    }
+    return still._replace(bodies=bodies, mounts=mounts)
+
+
+def with_known(tip: TipResponse, known: Array | None) -> TipResponse:
+    """Return the tip response for the elimination, with the load X^T f of a known wrench f at the base."""
+    if tip.base is None or known is None:
+        return tip
+    return replace(tip, base=tip.base._replace(wrench=tip.base.wrench + known @ tip.base.X))
 
 
 def loaded_response(tip: TipResponse, arm: ArmMotion, load: Load) -> TipResponse:

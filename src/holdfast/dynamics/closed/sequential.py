@@ -13,11 +13,17 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.held_rows import strongest_rows
 from holdfast.dynamics.closed.tip_response import Route, TipResponse, responded, tip_response
-from holdfast.dynamics.tree.of_chain import ChainElimination, RestResponse, chain_elimination, object_response
+from holdfast.dynamics.tree.of_chain import (
+    ChainElimination,
+    ChainLoads,
+    RestResponse,
+    chain_elimination,
+    object_response,
+)
 from holdfast.spatial.linalg import RANK_TOLERANCE
-from holdfast.spatial.scalar import Array, each
+from holdfast.spatial.scalar import each
 
-Second = Callable[[list[TipResponse]], tuple[list[Array], Array]]
+Second = Callable[[Mapping[str, TipResponse]], ChainLoads]
 
 
 def sequential(
@@ -32,20 +38,19 @@ def sequential(
         motion: the chain's motion.
         route: method for the tip responses, see `tip_response`.
         second: function of the tip responses that returns a second right-hand side, see `chain_elimination`. It is not
-            called with a trunk, nor for a choice of rows.
+            called for a choice of rows.
         tips: the tip responses as `tips_of` returns them, if they are known.
     """
     chain, tips = motion.chain, tips_of(motion, route) if tips is None else tips
     held, holding = None, [tips[name] for name in chain.grasps]
 
     def solve(
-        contacts: list[Contact], tolerance: float = RANK_TOLERANCE, more: tuple[list[Array], Array] | None = None
+        contacts: list[Contact], tolerance: float = RANK_TOLERANCE, more: ChainLoads | None = None
     ) -> ChainElimination:
         return chain_elimination(chain, contacts, tips, motion.body.free, motion.trunk, tolerance, more)
 
     if motion.generic_rank is None:
-        more = None if second is None or motion.trunk is not None else second(holding)
-        whole = solve(motion.contacts, more=more)
+        whole = solve(motion.contacts, more=None if second is None else second(tips))
     else:
         whole, held = strongest_rows(solve, motion.contacts, motion.generic_rank)
     bases = [whole.columns.get(name) for name in chain.grasps]

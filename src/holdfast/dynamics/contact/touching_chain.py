@@ -22,7 +22,7 @@ from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.solve_contacts import solve_contacts
 from holdfast.dynamics.contact.solved_contacts import ContactSolution, ContactStatus
 from holdfast.dynamics.projection import Change
-from holdfast.dynamics.tree.of_chain import object_response, solved_again
+from holdfast.dynamics.tree.of_chain import ChainLoads, object_response, solved_again
 from holdfast.errors import ContactError, StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.world.touching import Touching
@@ -175,10 +175,12 @@ def chain_mobility(motion: ChainMotion, tips: Mapping[str, TipResponse]) -> Arra
 
 def mobility_found(motion: ChainMotion, free: Solution, tips: Mapping[str, TipResponse]) -> Array:
     """Return `chain_mobility` by the factors of a solution, six right-hand sides, if it has those of all bodies."""
-    if motion.trunk is not None or free.factors is None:
+    if motion.trunk.bodies or free.factors is None:
         return chain_mobility(motion, tips)
     still = [np.zeros(6)] * len(free.wrenches)
-    return array(each(lambda unit: solved_again(free.factors, still, unit)[1], list(np.eye(6))))
+    return array(
+        each(lambda unit: solved_again(free.factors, ChainLoads(still, unit)).object_acceleration, list(np.eye(6)))
+    )
 
 
 def with_push(pushed_motion: ChainMotion, free: Solution, tips: Mapping[str, TipResponse], wrench: Array) -> Solution:
@@ -190,9 +192,9 @@ def with_push(pushed_motion: ChainMotion, free: Solution, tips: Mapping[str, Tip
         tips: the tip responses of all arms on which the solution depends.
         wrench: (6,) about C, world axes.
     """
-    if pushed_motion.trunk is not None or free.factors is None:
+    if pushed_motion.trunk.bodies or free.factors is None:
         return sequential(pushed_motion, tips=tips)
-    more, alpha = solved_again(free.factors, [np.zeros(6)] * len(free.wrenches), wrench)
+    more, alpha, *_ = solved_again(free.factors, ChainLoads([np.zeros(6)] * len(free.wrenches), wrench))
     wrenches = each(lambda f, own: f + own, free.wrenches, more)
     responses = each(responded, free.tips, wrenches, [None] * len(wrenches))
     return replace(

@@ -24,13 +24,13 @@ from holdfast.dynamics.tree.order import CloseFrame, CrossAll, MeasureLeaves, Pl
 from holdfast.dynamics.tree.outward import ForestFactors
 from holdfast.dynamics.tree.plan import EliminationPlan, plan_of
 from holdfast.dynamics.tree.right_hand_sides import ForestLoads, Outward
-from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkBody, TrunkMotion
+from holdfast.dynamics.trunk.trunk_motion import NO_TRUNK, TrunkAcceleration, TrunkBody, TrunkMotion
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.forest import GROUND, Topology
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each
-from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.symmetric import symmetric6
 
 _NONE = np.zeros(3)
@@ -64,12 +64,40 @@ class ChainFactors(NamedTuple):
     Attributes:
         graph: its graph.
         free: the object.
+        trunk: the trunk's motion.
         forest: factors of the forest.
     """
 
     graph: ChainGraph
     free: FreeBody
+    trunk: TrunkMotion
     forest: ForestFactors
+
+
+class ChainLoads(NamedTuple):
+    """A right-hand side of a chain at rest.
+
+    Attributes:
+        gaps: per grasp, (6,) relative acceleration at the tip without any force, about the contact point.
+        wrench: (6,) wrench on the object about C, world axes.
+        trunk: the trunk at rest with its loads.
+        tips: by name, the tip responses of the arms on the trunk, of which the loads at their bases matter.
+    """
+
+    gaps: Sequence[Array]
+    wrench: Array
+    trunk: TrunkMotion = NO_TRUNK
+    tips: Mapping[str, TipResponse] = MappingProxyType({})
+
+
+class ChainResponse(NamedTuple):
+    """The accelerations and forces of a chain without those of the arms' joints, as in `ChainElimination`."""
+
+    wrenches: list[Array]
+    object_acceleration: Array
+    trunk: TrunkAcceleration
+    betas: Sequence[Array]
+    columns: Mapping[str, Array]
 
 
 class ChainElimination(NamedTuple):
@@ -78,28 +106,28 @@ class ChainElimination(NamedTuple):
     Attributes:
         wrenches: per grasp, (6,) f about the contact point, world axes.
         object_acceleration: (6,) alpha(C) minus [0; g], world axes.
+        trunk: acceleration of the trunk.
+        betas: per body of the trunk, beta (6,).
+        columns: by arm on the trunk, the accelerations of its columns, (c,).
         rank: number of independent rows of the constraint, contact freedoms included.
         weakest_pivot: the smallest pivot for an independent row, relative to a typical one.
         independent: per grasp, (rows,) 1 for the independent rows, if the contacts have masks of rows.
         factors: for further right-hand sides; None of a solution that was chosen among several.
-        trunk: acceleration of the trunk; None without one.
-        betas: per body of the trunk, beta (6,).
-        columns: by arm on the trunk, the accelerations of its columns, (c,).
-        pivots: inertias about the trunk's joints, > 0 if its mass matrix is regular; None without a trunk.
-        second: for the argument `second`, its wrenches and its object acceleration.
+        pivots: inertias about the trunk's joints, > 0 if its mass matrix is regular.
+        second: the response to the argument `second`.
     """
 
     wrenches: list[Array]
     object_acceleration: Array
+    trunk: TrunkAcceleration
+    betas: Sequence[Array]
+    columns: Mapping[str, Array]
     rank: Scalar
     weakest_pivot: Scalar
     independent: list[Array]
     factors: ChainFactors | None
-    trunk: TrunkAcceleration | None = None
-    betas: Sequence[Array] = ()
-    columns: Mapping[str, Array] = MappingProxyType({})
-    pivots: Array | None = None
-    second: tuple[list[Array], Array] | None = None
+    pivots: Array
+    second: ChainResponse | None = None
 
 
 def chain_elimination(
@@ -107,9 +135,9 @@ def chain_elimination(
     contacts: Sequence[Contact],
     tips: Mapping[str, TipResponse],
     free: FreeBody,
-    trunk: TrunkMotion | None = None,
+    trunk: TrunkMotion,
     tolerance: float = RANK_TOLERANCE,
-    second: tuple[list[Array], Array] | None = None,
+    second: ChainLoads | None = None,
 ) -> ChainElimination:
     """Return grasp wrenches, and the accelerations of object and trunk. O(l) + O(n_t).
 
@@ -120,46 +148,29 @@ def chain_elimination(
         free: the object.
         trunk: the trunk's motion.
         tolerance: relative size of a pivot that counts as zero.
-        second: arguments of `solved_again` that are known in advance; only without a trunk.
+        second: another right-hand side that is known in advance, see `solved_again`.
     """
-    graph, about = chain_graph(chain), each(lambda c: c.about(free.centre, free.centripetal), contacts)
+    graph, about = chain_graph(chain, trunk), each(lambda c: c.about(free.centre, free.centripetal), contacts)
     motion = _forest_motion(chain, graph, about, tips, free, trunk)
-    others = [] if second is None else [_at_rest(graph, motion, free, *second)]
+    others = [] if second is None else [_at_rest(graph, motion, free, second)]
     forest, (found, *more) = factorised(motion, _plan(graph, trunk), tolerance, others)
-    factors = ChainFactors(graph, free, forest)
-    whole = ChainElimination(
-        _wrenches(factors, found),
-        acceleration_at_C(free.centre, free.centripetal, found.beta[graph.held_object]),
+    factors = ChainFactors(graph, free, trunk, forest)
+    return ChainElimination(
+        *_response(factors, free, found),
         forest.rank + chain.contact_freedom_count,
         forest.weakest,
         _independent(graph, forest),
         factors,
-        second=None if second is None else _of_object(factors, more[0]),
-    )
-    if trunk is None:
-        return whole
-    first = 1 if trunk.floats else 0
-    qdd = concatenate([np.zeros(0), *(found.qdd[k] for k in graph.trunk[first:])])
-    on = {name: mount.body for name, mount in trunk.mounts.items() if name in tips}
-    return whole._replace(
-        trunk=TrunkAcceleration(qdd, found.qdd[0] if trunk.floats else None),
-        betas=[found.beta[k] for k in graph.trunk],
-        columns={name: qdd if trunk.by_joints else found.beta[k] for name, k in on.items()},
-        pivots=_pivots(graph, forest),
+        _pivots(graph, forest),
+        None if second is None else _response(factors, free.at_rest(), more[0]),
     )
 
 
-def solved_again(factors: ChainFactors, gaps: Sequence[Array], wrench: Array) -> tuple[list[Array], Array]:
-    """Return the wrenches and the object acceleration of a chain without a trunk, at rest, for other loads. O(l).
-
-    Args:
-        factors: the factors of the chain.
-        gaps: per grasp, (6,) relative acceleration at the tip without any force, about the contact point.
-        wrench: (6,) wrench on the object about C, world axes.
-    """
-    rhs = _at_rest(factors.graph, factors.forest.motion, factors.free, gaps, wrench)
+def solved_again(factors: ChainFactors, loads: ChainLoads) -> ChainResponse:
+    """Return the response of a chain at rest to other loads, by its factors. O(l) + O(n_t)."""
+    rhs = _at_rest(factors.graph, factors.forest.motion, factors.free, loads)
     (found,) = solve(factors.forest, [rhs])
-    return _of_object(factors, found)
+    return _response(factors, factors.free.at_rest(), found)
 
 
 class RestResponse(NamedTuple):
@@ -181,10 +192,10 @@ def object_response(
     contacts: Sequence[Contact],
     tips: Mapping[str, TipResponse],
     free: FreeBody,
-    trunk: TrunkMotion | None = None,
+    trunk: TrunkMotion,
 ) -> RestResponse:
     """Return the mobility of a chain's object, which stays open to the end. O(l) + O(n_t); see `chain_elimination`."""
-    graph, about = chain_graph(chain), each(lambda c: c.about(free.centre, free.centripetal), contacts)
+    graph, about = chain_graph(chain, trunk), each(lambda c: c.about(free.centre, free.centripetal), contacts)
     motion, plan = _forest_motion(chain, graph, about, tips, free, trunk), _plan(graph, trunk)
     left_open = tuple(tuple(one for step in steps for one in _without_closing(step)) for steps in plan.steps)
     forest, _ = inward(motion, plan._replace(steps=left_open))
@@ -205,10 +216,9 @@ def _without_closing(step: PlanStep) -> list[PlanStep]:
     return [] if isinstance(step, CloseFrame) else [step]
 
 
-def chain_graph(chain: ClosedChain) -> ChainGraph:
+def chain_graph(chain: ClosedChain, trunk: TrunkMotion) -> ChainGraph:
     """Return the graph of a chain."""
-    count = 0 if chain.trunk is None else len(chain.trunk.bodies)
-    floats = chain.trunk is not None and chain.trunk.floating is not None
+    count = len(trunk.bodies)
     parents = [*range(-1, count - 1)]
     arms: dict[str, range] = {}
     ends: list[tuple[int, int]] = []
@@ -222,7 +232,7 @@ def chain_graph(chain: ClosedChain) -> ChainGraph:
         if grasp.of_kind.bushing is None:
             closures[name] = len(ends)
             ends.append((arms[name][-1] if arms[name] else _standing_on(chain, name), held))
-    free = tuple((floats and k == 0) or k == held for k in range(held + 1))
+    free = tuple((trunk.floats and k == 0) or k == held for k in range(held + 1))
     return ChainGraph(
         Topology((*parents, GROUND), free, tuple(ends), ()), range(count), arms, held, closures, [*chain.grasps]
     )
@@ -233,9 +243,8 @@ def _standing_on(chain: ClosedChain, name: str) -> int:
     return GROUND if body is None else body
 
 
-def _plan(graph: ChainGraph, trunk: TrunkMotion | None) -> EliminationPlan:
-    rates = trunk is not None and trunk.by_joints
-    return plan_of(graph.topology, trunk=tuple(graph.trunk), rates=rates)
+def _plan(graph: ChainGraph, trunk: TrunkMotion) -> EliminationPlan:
+    return plan_of(graph.topology, trunk=tuple(graph.trunk), rates=trunk.by_joints)
 
 
 def _forest_motion(
@@ -244,12 +253,11 @@ def _forest_motion(
     contacts: Sequence[Contact],
     tips: Mapping[str, TipResponse],
     free: FreeBody,
-    trunk: TrunkMotion | None,
+    trunk: TrunkMotion,
 ) -> ForestMotion:
     """Return the motion of a chain's forest, in which every arm is a limb."""
     bodies: list[BodyMotion | None] = [None] * len(graph.topology.parents)
-    if trunk is not None:
-        bodies[: len(graph.trunk)] = [_trunk_body(body) for body in trunk.bodies]
+    bodies[: len(graph.trunk)] = [_trunk_body(body) for body in trunk.bodies]
     bodies[graph.held_object] = _object(free)
     limbs = {name: _limb(trunk, name, tip) for name, tip in tips.items()}
     about = dict(zip(chain.grasps, contacts, strict=True))
@@ -258,11 +266,9 @@ def _forest_motion(
     return ForestMotion(graph, bodies, closures, [], closed, list(limbs.values()))
 
 
-def _limb(trunk: TrunkMotion | None, name: str, tip: TipResponse) -> Limb:
-    mount = None if trunk is None else trunk.mounts.get(name)
-    if trunk is None or mount is None:
-        return Limb(GROUND, _NONE, tip)
-    return Limb(mount.body, mount.offset, tip)
+def _limb(trunk: TrunkMotion, name: str, tip: TipResponse) -> Limb:
+    mount = trunk.mounts.get(name)
+    return Limb(GROUND, _NONE, tip) if mount is None else Limb(mount.body, mount.offset, tip)
 
 
 def _closure(c: Contact) -> ClosureMotion:
@@ -285,22 +291,29 @@ def _object(free: FreeBody) -> BodyMotion:
     return BodyMotion(at, free.centre, np.eye(6), free.inertia, none, none, none, free.wrench, free)
 
 
-def _at_rest(
-    graph: ChainGraph, motion: ForestMotion, free: FreeBody, gaps: Sequence[Array], wrench: Array
-) -> ForestLoads:
-    """Return the right-hand side of a chain without a trunk at rest; see `solved_again`."""
+def _at_rest(graph: ChainGraph, motion: ForestMotion, free: FreeBody, loads: ChainLoads) -> ForestLoads:
+    """Return the right-hand side of a chain at rest."""
     none = np.zeros(6)
     bodies = [*motion.bodies]
-    bodies[graph.held_object] = bodies[graph.held_object]._replace(wrench=shift_wrench(-free.centre, wrench))
-    pairs = zip(graph.grasps, gaps, strict=True)
+    bodies[: len(graph.trunk)] = [_trunk_body(body) for body in loads.trunk.bodies]
+    bodies[graph.held_object] = bodies[graph.held_object]._replace(wrench=shift_wrench(-free.centre, loads.wrench))
+    pairs = zip(graph.grasps, loads.gaps, strict=True)
     by_closure = {graph.closures[name]: gap for name, gap in pairs if name in graph.closures}
-    return ForestLoads(bodies, {graph.held_object: none}, motion.closures, [], [], by_closure)
+    limbs = [_limb(loads.trunk, name, tip) for name, tip in loads.tips.items()]
+    return ForestLoads(bodies, {graph.held_object: none}, motion.closures, [], limbs, by_closure)
 
 
-def _of_object(factors: ChainFactors, found: Outward) -> tuple[list[Array], Array]:
-    """Return wrenches and the acceleration of the object's origin at rest."""
-    alpha = shift_twist(-factors.free.centre, found.beta[factors.graph.held_object])
-    return _wrenches(factors, found), alpha
+def _response(factors: ChainFactors, free: FreeBody, found: Outward) -> ChainResponse:
+    """Return the response of object and trunk."""
+    graph, trunk = factors.graph, factors.trunk
+    qdd = concatenate([np.zeros(0), *(found.qdd[k] for k in graph.trunk[int(trunk.floats) :])])
+    return ChainResponse(
+        _wrenches(factors, found),
+        acceleration_at_C(free.centre, free.centripetal, found.beta[graph.held_object]),
+        TrunkAcceleration(qdd, found.qdd[0] if trunk.floats else None),
+        [found.beta[k] for k in graph.trunk],
+        {name: qdd if trunk.by_joints else found.beta[mount.body] for name, mount in trunk.mounts.items()},
+    )
 
 
 def _wrenches(factors: ChainFactors, found: Outward) -> list[Array]:

@@ -13,7 +13,6 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum
 from holdfast.spatial.spatial_vector import shift_wrench
 
@@ -38,14 +37,14 @@ def trunk_torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None 
     """Return the drives' torques of trunk and arms, and the wrench on the base. O(n).
 
     Args:
-        motion: the motion of a chain with a trunk, with zero drive torques.
+        motion: the chain's motion with zero drive torques.
         qdd: (n,) joint accelerations.
         f: (arms, 6) wrench of each arm on the object, about the contact, world axes.
         base: (6,) true acceleration of a floating base; None without one.
     """
     chain, trunk = motion.chain, motion.trunk
-    assert trunk is not None
-    betas = trunk.accelerations(TrunkAcceleration(qdd[chain.joints[TRUNK]], base))
+    accelerations = qdd[trunk.joints]
+    betas = trunk.accelerations(TrunkAcceleration(accelerations, base))
     found = each(
         drive_torques_and_base,
         motion.arms.values(),
@@ -55,7 +54,6 @@ def trunk_torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None 
     )
     of_arms = [torques for torques, _ in found]
     base_wrenches = {name: wrench for name, (_, wrench) in zip(motion.arms, found, strict=True)}
-    accelerations = qdd[chain.joints[TRUNK]]
     torques, total, largest = [], np.zeros(6), np.zeros(())[()]
     for k in reversed(range(len(trunk.bodies))):
         body = trunk.bodies[k]

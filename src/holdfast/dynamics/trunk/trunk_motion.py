@@ -86,7 +86,7 @@ class Mount(NamedTuple):
 
 
 class TrunkMotion(NamedTuple):
-    """The motion of a trunk.
+    """The motion of a trunk. Arms in the world alone stand on one without bodies.
 
     Attributes:
         bodies: the bodies from the base outward, beginning with a floating base if there is one.
@@ -103,7 +103,12 @@ class TrunkMotion(NamedTuple):
     @property
     def floats(self) -> bool:
         """Whether the trunk begins with a floating base."""
-        return self.bodies[0].joint is None
+        return bool(self.bodies) and self.bodies[0].joint is None
+
+    @property
+    def joints(self) -> slice:
+        """The slice of its joints in q, qd and tau, where they come first."""
+        return slice(0, len(self.bodies) - self.floats)
 
     def at_rest(self) -> TrunkMotion:
         """Return the trunk at the same configuration without torques, velocities, gravity or external wrenches."""
@@ -149,10 +154,23 @@ class TrunkMotion(NamedTuple):
         mount = self.mounts.get(name)
         return None if mount is None else shift_twist(mount.offset, betas[mount.body])
 
+    def carried(self, qdd: Array, base: Array | None) -> Mapping[str, Array]:
+        """Return beta at the bases of the arms on the trunk, (6,) each, by name.
+
+        Args:
+            qdd: (n,) accelerations of the joints of trunk and arms.
+            base: (6,) true acceleration of a floating base; None without one.
+        """
+        betas = self.accelerations(TrunkAcceleration(qdd[self.joints], base))
+        return {name: shift_twist(mount.offset, betas[mount.body]) for name, mount in self.mounts.items()}
+
     def of_columns(self, name: str, found: TrunkAcceleration, betas: Sequence[Array]) -> Array | None:
         """Return the accelerations of an arm's columns, (c,); None if it is not mounted on the trunk."""
         mount = self.mounts.get(name)
         return None if mount is None else found.qdd if self.by_joints else betas[mount.body]
+
+
+NO_TRUNK = TrunkMotion([], {}, Pose.identity(), by_joints=False)
 
 
 class TrunkAcceleration(NamedTuple):
@@ -167,8 +185,11 @@ class TrunkAcceleration(NamedTuple):
     base: Array | None
 
 
-def trunk_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> TrunkMotion | None:
-    """Return the motion of the chain's trunk; None without one. O(n_t).
+NO_ACCELERATION = TrunkAcceleration(np.zeros(0), None)  # of a trunk without bodies
+
+
+def trunk_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> TrunkMotion:
+    """Return the motion of the chain's trunk. O(n_t).
 
     Args:
         chain: the chain.
@@ -177,7 +198,7 @@ def trunk_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         inputs: shaped inputs.
     """
     if chain.trunk is None:
-        return None
+        return NO_TRUNK
     part, (twist, zeta) = chain.joints[TRUNK], base_motion(chain, state, inputs)
     damping, stiffness, rest = np.array([(j.damping, j.stiffness, j.rest) for j in chain.trunk.joints]).reshape(-1, 3).T
     torque = tau[part] - damping * state.qd[part] - stiffness * (state.q[part] - rest)
@@ -201,14 +222,14 @@ class BaseKinematics(NamedTuple):
     """The kinematics of trunk and bases, for computations without dynamics.
 
     Attributes:
-        trunk: the bodies of the trunk; empty without one.
+        trunk: the motion of the trunk.
         arms: by name every arm, with its base at its pose in the world.
         q: by name the joint positions of the arms, (N,) each.
         qd: by name the joint velocities of the arms, (N,) each.
         base_twists: by name twists of the bases, (6,) each, world axes.
     """
 
-    trunk: list[TrunkBody]
+    trunk: TrunkMotion
     arms: Mapping[str, Arm]
     q: Mapping[str, Array]
     qd: Mapping[str, Array]
@@ -226,16 +247,16 @@ def base_kinematics(chain: ClosedChain, state: State, inputs: Inputs) -> BaseKin
     assert inputs.base_twists is not None
     trunk = trunk_motion(chain, state, np.zeros(chain.joint_count), inputs)
     arms, twists = dict(chain.arms), dict(zip(chain.arms, inputs.base_twists, strict=True))
-    for name, mount in ({} if trunk is None else trunk.mounts).items():
+    for name, mount in trunk.mounts.items():
         arms[name], twists[name] = arms[name].standing_at(mount.frame), mount.twist
     q, qd = ({name: x[chain.joints[name]] for name in arms} for x in (state.q, state.qd))
-    return BaseKinematics([] if trunk is None else trunk.bodies, arms, q, qd, twists)
+    return BaseKinematics(trunk, arms, q, qd, twists)
 
 
-def trunk_at_rest(chain: ClosedChain, state: State) -> TrunkMotion | None:
-    """Return the chain's trunk without torques, velocities, gravity or external wrenches; None without one. O(n_t)."""
+def trunk_at_rest(chain: ClosedChain, state: State) -> TrunkMotion:
+    """Return the chain's trunk without torques, velocities, gravity or external wrenches. O(n_t)."""
     if chain.trunk is None:
-        return None
+        return NO_TRUNK
     none, still = np.zeros(6), np.zeros(chain.trunk.joint_count)
     return _outward(chain, state, still, still, none, none, None)
 
@@ -256,7 +277,7 @@ def _outward(
         bodies += _joints(trunk.serial.standing_at(base), state.q[chain.joints[TRUNK]], qd, torque, twist, zeta)
     if wrenches is not None:
         bodies = [b._replace(wrench=b.wrench - f) for b, f in zip(bodies, wrenches, strict=True)]
-    on, by_joints = chain.mounted_on, _answers_by_joints(chain)
+    on, by_joints = chain.mounted_on, _answers_by_joints(chain, len(bodies) - 1)
     columns = np.eye(6)
     if by_joints:
         columns = columns_of([body.H for body in bodies], [body.reach for body in bodies])
@@ -269,9 +290,8 @@ def _outward(
     return TrunkMotion(bodies, mounts, base, by_joints)
 
 
-def _answers_by_joints(chain: ClosedChain) -> bool:
+def _answers_by_joints(chain: ClosedChain, last: int) -> bool:
     """Return whether the columns are the joints' accelerations; see the module's docstring and docs/theory/trunk.md."""
-    last = len(chain.trunk.bodies) - 1 if chain.trunk is not None else 0
     return not chain.floats and last < FEWER_THAN_SIX and all(k == last for k in chain.mounted_on.values())
 
 

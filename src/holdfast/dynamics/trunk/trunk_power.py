@@ -20,7 +20,6 @@ from holdfast.dynamics.arm.forward_kinematics import link_twists
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.model.arm import Arm
 from holdfast.model.link import Link
-from holdfast.model.trunk import Trunk
 from holdfast.questions.case import Numbers
 from holdfast.spatial.differentiation import gradient, linearised
 from holdfast.spatial.inertia import RigidInertia, about_origin
@@ -74,7 +73,8 @@ class TrunkCase(NamedTuple):
     """The arguments of the equations of a trunk.
 
     Attributes:
-        trunk: the trunk.
+        floating: its floating base; None without one.
+        serial: its joints and links; None without any.
         base: pose of its base in the world.
         q, qd, tau: (n_t,) positions, rates and torques of its joints.
         base_twist: (6,) twist of the base origin, world axes.
@@ -83,7 +83,8 @@ class TrunkCase(NamedTuple):
         mounts: by arm, the index of its body, and the pose of its base relative to that body.
     """
 
-    trunk: Trunk
+    floating: Link | None
+    serial: Arm | None
     base: Pose
     q: Array
     qd: Array
@@ -93,10 +94,16 @@ class TrunkCase(NamedTuple):
     wrenches: Array
     mounts: Mapping[str, tuple[int, Pose]]
 
+    @property
+    def bodies(self) -> list[Link]:
+        """Its bodies from the base outward."""
+        floating = [] if self.floating is None else [self.floating]
+        return floating if self.serial is None else [*floating, *self.serial.links]
+
     def numbers(self, names: Sequence[str]) -> dict[str, Array]:
         """Return the named numbers; rotations are matrices, and those of mounts are stacked."""
-        joints, places = self.trunk.joints, [place for _, place in self.mounts.values()]
-        bodies = self.trunk.bodies
+        joints, places = [] if self.serial is None else self.serial.joints, [p for _, p in self.mounts.values()]
+        bodies = self.bodies
         own = {
             "base_R": lambda: self.base.R,
             "base_p": lambda: self.base.p,
@@ -122,11 +129,11 @@ class TrunkCase(NamedTuple):
         R, p, q, qd, tau, twist, acceleration, external = (varied.get(name, x) for name, x in own.items())
         base, acceleration, power = Pose.unchecked(R, p), acceleration + z.base, 0.0
         bodies = []  # for each: frame, twist and virtual twist, acceleration and its gradient, in body axes
-        if self.trunk.floating is not None:
+        if self.floating is not None:
             v, a = unrotate(R, twist), unrotate(R, acceleration)
             bodies.append((base, v, unrotate(R, y.base), a, acceleration_gradient(a[:3], v[:3])))
-        if self.trunk.serial is not None:
-            arm = self.trunk.serial.standing_at(base)
+        if self.serial is not None:
+            arm = self.serial.standing_at(base)
             at = varied_kinematics(arm, q)
             V, U = link_twists(arm, at, qd, twist), link_twists(arm, at, y.qdd, y.base)
             found = bias_accelerations(arm, at, V, qd, twist, acceleration, z.qdd)
@@ -134,7 +141,7 @@ class TrunkCase(NamedTuple):
             bodies += [(f, v, u, a, K) for f, v, u, (a, K) in zip(frames, V, U, found, strict=True)]
             drives = varied.get("armature", arm.armature) * z.qdd + self.passive_torque(arm, q, qd, varied)
             power = power + y.qdd @ (drives - tau)
-        for k, (link, (frame, v, u, a, K), w) in enumerate(zip(self.trunk.bodies, bodies, external, strict=True)):
+        for k, (link, (frame, v, u, a, K), w) in enumerate(zip(self.bodies, bodies, external, strict=True)):
             inertia = varied_inertia(link, k, varied)
             power = power + u @ (inertia.wrench(a, v[:3], K) - unrotate(frame.R, w))
         places = self.numbers(("place_R", "place_p")) | dict(varied)

@@ -11,6 +11,8 @@ accelerations of the floating base and of the trunk's joints, the mass matrix of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -20,9 +22,10 @@ from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.closed.stacked import block_diagonal
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkMotion
-from holdfast.model.trunk import TRUNK
-from holdfast.spatial.scalar import Array, array
+from holdfast.questions.arrays import starts
+from holdfast.spatial.scalar import Array, array, concatenate
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, twist_shift
 
 
@@ -48,36 +51,31 @@ class OnBase(NamedTuple):
     w: Array
 
 
-def whole_chain(motion: ChainMotion) -> WholeChain:
+def whole_chain(motion: ChainMotion, arms: Sequence[str] | None = None) -> WholeChain:
     """Return the matrices of trunk and arms. O(n^2).
 
     Args:
-        motion: the motion of a chain with a trunk.
+        motion: the chain's motion.
+        arms: names of the arms in order, those with a grasp among them; None for all.
     """
-    chain, trunk = motion.chain, motion.trunk
-    assert trunk is not None
-    S, M_t, T_t = of_trunk(trunk)
-    first = 6 if trunk.floats else 0
-    size = first + chain.joint_count
-    M, T, J = np.zeros((size, size)), np.zeros(size), np.zeros((6 * len(chain.grasps), size))
-    u = slice(0, len(T_t))
-    M[u, u], T[u] = M_t, T_t
-    rows = {name: slice(6 * i, 6 * i + 6) for i, name in enumerate(chain.grasps)}
-    for name, arm in motion.arms.items():
-        own = slice(first + chain.joints[name].start, first + chain.joints[name].stop)
-        M[own, own] = mass_matrix(arm.arm, arm.at)[0]
-        T[own] = arm.torque - bias_torque(arm.arm, arm.at, arm.bias.wrenches)[0]
-        if name in rows:
-            J[rows[name], own] = jacobian(arm.arm, arm.at)
-        if name in trunk.mounts:
+    grasps, names = motion.chain.grasps, [*motion.arms] if arms is None else arms
+    S, M_t, T_t = of_trunk(motion.trunk)
+    none, across, torques = np.zeros((6, len(T_t))), [np.zeros((len(T_t), 0))], []
+    for name, arm in ((name, motion.arms[name]) for name in names):
+        torques.append(arm.torque - bias_torque(arm.arm, arm.at, arm.bias.wrenches)[0])
+        across.append(np.zeros((len(T_t), len(torques[-1]))))
+        if name in S:
             at_base, columns = on_base(arm), S[name]
-            M[u, u] += columns.T @ at_base.I @ columns
-            M[u, own] = columns.T @ at_base.B
-            M[own, u] = M[u, own].T
-            T[u] -= columns.T @ at_base.w
-            if name in rows:
-                J[rows[name], u] = twist_shift(arm.base_to_tip) @ columns
-    return WholeChain(M, T, J)
+            M_t, T_t = M_t + columns.T @ at_base.I @ columns, T_t - columns.T @ at_base.w
+            across[-1] = columns.T @ at_base.B
+    whole, M_a = (
+        np.hstack(across),
+        block_diagonal([mass_matrix(motion.arms[n].arm, motion.arms[n].at)[0] for n in names]),
+    )
+    J_t = [twist_shift(motion.arms[name].base_to_tip) @ S.get(name, none) for name in grasps]
+    J_a = [jacobian(motion.arms[n].arm, motion.arms[n].at)[: 6 if n in grasps else 0] for n in names]
+    J = np.hstack([np.concatenate([none[:0], *J_t]), block_diagonal(J_a)])
+    return WholeChain(np.block([[M_t, whole], [whole.T, M_a]]), concatenate([T_t, *torques]), J)
 
 
 def of_whole_chain(motion: ChainMotion, u: Array, f: Array, W_dot: Array, alpha_C: Array) -> Solution:
@@ -85,21 +83,16 @@ def of_whole_chain(motion: ChainMotion, u: Array, f: Array, W_dot: Array, alpha_
 
     Args:
         motion: the chain's motion.
-        u: (m,) accelerations of the floating base and all joints.
+        u: (m,) accelerations of the floating base, of the trunk's joints, and of the arms with a grasp, at least.
         f: (6l,) grasp wrenches.
         W_dot: W_dot of all grasps, flat.
         alpha_C: (6,) alpha(C) minus [0; g].
     """
-    chain = motion.chain
-    first = 6 if chain.floats else 0
-    qdd = u[first:]
-    return Solution(
-        [qdd[chain.joints[name]] for name in chain.grasps],
-        list(f.reshape(-1, 6)),
-        alpha_C,
-        W_dot,
-        trunk=TrunkAcceleration(qdd[chain.joints[TRUNK]], u[:6] if first else None),
-    )
+    first = 6 if motion.trunk.floats else 0
+    ends = starts([first + motion.trunk.joints.stop, *(arm.arm.joint_count for arm in motion.holding)])[1:]
+    of_trunk = TrunkAcceleration(u[first : ends[0]], u[:6] if first else None)
+    qdd = [u[begin:end] for begin, end in pairwise(ends)]
+    return Solution(qdd, list(f.reshape(-1, 6)), alpha_C, W_dot, trunk=of_trunk)
 
 
 def of_trunk(trunk: TrunkMotion) -> tuple[dict[str, Array], Array, Array]:

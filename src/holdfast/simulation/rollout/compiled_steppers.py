@@ -21,7 +21,7 @@ from holdfast.control.traced_law import law_of
 from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.trunk import TRUNK
+from holdfast.model.trunk import TRUNK, bodies_of
 from holdfast.questions.arrays import state_of
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import MOVING_BASES, Environment, GivenInputs
@@ -271,7 +271,7 @@ class StagewiseStepper:
 
 def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
     """Return the wrenches on links at several instants, with the names of the machine code; zero if not given."""
-    bodies = 0 if chain.trunk is None else len(chain.trunk.bodies)
+    bodies = len(bodies_of(chain.trunk))
     counts = {"link_wrench": sum(arm.joint_count for arm in chain.arms.values()), "trunk_link_wrench": bodies}
     found = {name: np.zeros((len(acting), count, 6)) for name, count in counts.items()}
     for row, one in enumerate(acting):
