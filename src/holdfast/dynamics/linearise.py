@@ -172,7 +172,8 @@ def velocity_gap_rates(motion: ChainMotion) -> Callable[[Array], Array]:
     """
     chain, n, trunk = motion.chain, motion.chain.joint_count, motion.trunk_case
     assert trunk is not None  # as the chain is in motion
-    still, none = np.zeros(chain.velocity_count), TrunkUnknowns(np.zeros(len(trunk.q)), np.zeros(6))
+    still = np.zeros(chain.velocity_count)
+    none = TrunkUnknowns(np.zeros(len(trunk.serial.given.q)), np.zeros(6))
     of_bases = trunk.base_motion(none, list(_trunk_rates(chain, trunk, still)))
 
     def given(moved: Array) -> dict[str, dict[str, Array]]:
@@ -191,7 +192,7 @@ def velocity_gap_rates(motion: ChainMotion) -> Callable[[Array], Array]:
 
 def _trunk_rates(chain: ClosedChain, case: TrunkCase, moved: Array) -> dict[str, Array]:
     """Return the rates of the trunk's positions."""
-    rates = {"q": moved[: len(case.q)]}
+    rates = {"q": moved[: len(case.serial.given.q)]}
     if chain.floats:
         rates |= rates_of({"floating_pose": moved[chain.joint_count + 6 :]}, "floating", case.base.R, "base")
     return rates

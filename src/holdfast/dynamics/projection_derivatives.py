@@ -92,8 +92,9 @@ def closing(kind: type[VelocityCase], case: ArmCase) -> VelocityCase:
 
 def resting_trunk(case: TrunkCase) -> RestTrunk:
     """Return a trunk's case for a projection."""
-    still = case._replace(tau=0.0 * case.tau, base_acceleration=np.zeros(6), wrenches=0.0 * case.wrenches)
-    return RestTrunk(*still)
+    given = case.serial.given
+    still = replace(given, tau=0.0 * given.tau, base_acceleration=np.zeros(6))
+    return RestTrunk(case.floating, RestCase(still, *case.serial[1:]), 0.0 * case.wrenches, case.mounts)
 
 
 def change_of(at: Point) -> Change:
@@ -174,11 +175,7 @@ class RestTrunk(TrunkCase):
 
     def outward(self, z: TrunkUnknowns, y: TrunkUnknowns, varied: Numbers) -> tuple[Scalar, list[MountedBase]]:
         """Return the trunk's part of L, and the bases mounted on it; see `TrunkCase.outward`."""
-        still = {"qd": np.zeros(len(self.q)), "base_twist": np.zeros(6)}
+        still = {"qd": np.zeros(len(self.serial.given.q)), "base_twist": np.zeros(6)}
         power, carried = super().outward(z, y, {**varied, **still})
         _, moving = super().outward(z, y, varied)
         return power, [a._replace(base_twist=b.base_twist) for a, b in zip(carried, moving, strict=True)]
-
-    def passive_torque(self, arm: Arm, q: Array, qd: Array, varied: Numbers) -> Array:
-        """Return the torques of dampers and springs, which are zero, (n_t,)."""
-        return np.zeros(len(q))

@@ -251,24 +251,22 @@ def moving_parts(motion: ChainMotion, qdd: Array, base: Array | None) -> dict[st
 
 def moving_trunk(case: TrunkCase, qdd: Array, base: Array | None) -> MovingPart:
     """Return the moving part of a trunk for given accelerations of its joints and of a floating base, (6,)."""
-    acceleration, R = case.base_acceleration + (np.zeros(6) if base is None else base), case.base.R
+    given, R = case.serial.given, case.base.R
+    acceleration = given.base_acceleration + (np.zeros(6) if base is None else base)
     six, n = np.eye(6)[: 0 if base is None else 6], len(qdd)
     by = [(np.zeros(n), unit) for unit in six] + [(unit, np.zeros(6)) for unit in np.eye(n)]
     part = MovingPart([], [], [], np.zeros((len(by), 0, 6)), (0, len(six)), case.wrenches, np.zeros(0))
     if base is not None:
-        a, v = unrotate(R, acceleration), unrotate(R, case.base_twist)
+        a, v = unrotate(R, acceleration), unrotate(R, given.base_twist)
         U = np.array([[unrotate(R, twist)] for _, twist in by])
         part = part._replace(R=[R], V=[v], accelerations=[(a, acceleration_gradient(a[:3], v[:3]))], U=U)
-    if case.serial is None:
-        return part
-    serial = case.serial.standing_at(case.base)
-    moving = of_joints(serial, (case.q, case.qd, qdd), case.base_twist, acceleration, by)
+    moving = of_joints(given.arm, (given.q, given.qd, qdd), given.base_twist, acceleration, by)
     return part._replace(
         R=[*part.R, *moving[0]],
         V=[*part.V, *moving[1]],
         accelerations=[*part.accelerations, *moving[2]],
         U=np.concatenate([part.U, moving[3]], axis=1),
-        drives=serial.armature * qdd + case.passive_torque(serial, case.q, case.qd, {}),
+        drives=given.arm.armature * qdd + case.serial.passive_torque(given.q, given.qd, {}),
     )
 
 

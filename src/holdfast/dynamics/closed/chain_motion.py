@@ -25,7 +25,7 @@ from holdfast.dynamics.trunk.trunk_motion import (
     trunk_motion,
 )
 from holdfast.dynamics.trunk.trunk_power import TrunkCase
-from holdfast.model.arm import Arm
+from holdfast.model.arm import Anchor, Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.trunk import TRUNK
@@ -177,15 +177,16 @@ def trunk_case(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> 
     """Return the arguments of the trunk's equations."""
     trunk, none = chain.trunk, np.zeros(6)
     if trunk is None:
-        return TrunkCase(None, None, NO_TRUNK.base, none[:0], none[:0], none[:0], none, none, np.zeros((0, 6)), {})
+        nothing = ArmInputs(Anchor(), none[:0], none[:0], none[:0], none, none)
+        return TrunkCase(None, ArmCase(nothing, None, NO_TRUNK.base, none), np.zeros((0, 6)), {})
     part, (twist, zeta) = chain.joints[TRUNK], base_motion(chain, state, inputs)
     wrenches = inputs.trunk_link_wrenches
     mounts = {name: (k, chain.arms[name].base) for name, k in chain.mounted_on.items()}
     base = trunk.base if state.base_frame is None else state.base_frame
     pushed = np.zeros((len(trunk.bodies), 6)) if wrenches is None else wrenches
-    return TrunkCase(
-        trunk.floating, trunk.serial, base, state.q[part], state.qd[part], tau[part], twist, zeta, pushed, mounts
-    )
+    serial = (Anchor() if trunk.serial is None else trunk.serial).standing_at(base)
+    given = ArmInputs(serial, state.q[part], state.qd[part], tau[part], twist, zeta)
+    return TrunkCase(trunk.floating, ArmCase(given, None, base, none), pushed, mounts)
 
 
 def arm_and_grasp(case: ArmCase, at: Kinematics | None = None) -> tuple[ArmMotion, Contact | None, ArmCase]:

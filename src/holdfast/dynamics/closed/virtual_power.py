@@ -27,13 +27,13 @@ from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
 from holdfast.dynamics.closed.contact import contact
 from holdfast.dynamics.closed.force_elements import deflection
-from holdfast.dynamics.trunk.trunk_power import varied_inertia
 from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
+from holdfast.model.link import Link
 from holdfast.questions.case import Numbers
 from holdfast.spatial.differentiation import gradient, linearised
-from holdfast.spatial.inertia import about_origin
+from holdfast.spatial.inertia import RigidInertia, about_origin
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar
@@ -76,6 +76,28 @@ class TipMotion(NamedTuple):
     twist: Array
     acceleration: Array
     virtual: Array
+
+
+def varied_inertia(link: Link, k: int, varied: Numbers) -> RigidInertia:
+    """Return the inertia of a body about its origin, with the numbers of row k that are varied."""
+    own = {"link_mass": link.mass, "link_com": link.com, "link_inertia": link.inertia}
+    if varied.keys().isdisjoint(own):
+        return link.spatial_inertia
+    return about_origin(*(varied[name][k] if name in varied else x for name, x in own.items()))
+
+
+class LinkMotions(NamedTuple):
+    """The motions of links, in their axes.
+
+    Attributes:
+        twists: (6,) twist of every link.
+        virtual: (6,) virtual twist of every link.
+        accelerations: (6,) acceleration of every link, and its gradient.
+    """
+
+    twists: Sequence[Array]
+    virtual: Sequence[Array]
+    accelerations: Sequence[tuple[Array, Array]]
 
 
 class ArmCase(NamedTuple):
@@ -157,22 +179,39 @@ class ArmCase(NamedTuple):
         self, arm: Arm, at: Kinematics, z: ArmUnknowns, y: ArmUnknowns, varied: Numbers
     ) -> tuple[Scalar, TipMotion]:
         """Return the links' part of L, and the motion of the tip; arguments as in `power_at`."""
+        twist, acceleration = (varied.get(n, getattr(self.given, n)) for n in ("base_twist", "base_acceleration"))
+        power, (V, U, found) = self.links_power(arm, at, z.qdd, y.qdd, y.base, varied)
+        tip = acceleration_at_tip(arm, at, found, twist, acceleration)
+        return power, TipMotion(at.tip, tip_twist(arm, at, V, twist), tip, tip_twist(arm, at, U, y.base))
+
+    def links_power(
+        self, arm: Arm, at: Kinematics, qdd: Array, rates: Array, virtual: Array, varied: Numbers
+    ) -> tuple[Scalar, LinkMotions]:
+        """Return the links' part of L, and their motions.
+
+        Args:
+            arm: the arm at its base.
+            at: the poses of its links.
+            qdd: (N,) joint accelerations.
+            rates: (N,) virtual joint rates.
+            virtual: (6,) virtual twist of the base origin.
+            varied: as in `power`.
+        """
         q, qd, tau, base_twist, base_acceleration, external = (
             varied.get(name, getattr(self.given, name))
             for name in ("q", "qd", "tau", "base_twist", "base_acceleration", "link_wrenches")
         )
         external = varied.get("link_wrench", external)
-        V, U = link_twists(arm, at, qd, base_twist), link_twists(arm, at, y.qdd, y.base)
-        found = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, z.qdd))
-        drives = varied.get("armature", arm.armature) * z.qdd + self.passive_torque(q, qd, varied)
-        power = y.qdd @ (drives - tau)
+        V, U = link_twists(arm, at, qd, base_twist), link_twists(arm, at, rates, virtual)
+        found = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, qdd))
+        drives = varied.get("armature", arm.armature) * qdd + self.passive_torque(q, qd, varied)
+        power = rates @ (drives - tau)
         for k, (link, v, u, (a, K)) in enumerate(zip(arm.links, V, U, found, strict=True)):
             wrench = varied_inertia(link, k, varied).wrench(a, v[:3], K)
             if external is not None:
                 wrench = wrench - unrotate(at.R[k], external[k])
             power = power + u @ wrench
-        tip = acceleration_at_tip(arm, at, found, base_twist, base_acceleration)
-        return power, TipMotion(at.tip, tip_twist(arm, at, V, base_twist), tip, tip_twist(arm, at, U, y.base))
+        return power, LinkMotions(V, U, found)
 
     def grasp_power(self, z: ArmUnknowns, y: ArmUnknowns, tip: TipMotion, varied: Numbers) -> Scalar:
         """Return the grasp's part of L for a given motion of the tip; the other arguments are those of `power`."""

@@ -1,11 +1,9 @@
 """The trunk's part of the virtual power, and the motion of the bases mounted on it.
 
-    L_t = y_t.(armature qdd_t + damping qd_t + stiffness (q_t - rest) - T_t) + sum_k U_k.(M_k alpha_k + b_k - w_k)
-
-U are the virtual twists of its bodies. An arm on the trunk has its own part of L (`closed.virtual_power`), which
-depends on the pose, the twist, the acceleration and the virtual twist of its base. These are functions of the trunk's
-numbers, so gradients are propagated from the bases to the trunk, and rates from the trunk to the bases
-(docs/theory/derivatives.md).
+Its joints and links have that of an arm without a grasp (`closed.virtual_power`), and a floating base that of one more
+body. An arm on the trunk has its own part of L, which depends on the pose, the twist, the acceleration and the virtual
+twist of its base. These are functions of the trunk's numbers, so gradients are propagated from the bases to the trunk,
+and rates from the trunk to the bases (docs/theory/derivatives.md).
 """
 
 from __future__ import annotations
@@ -15,14 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.bias import bias_accelerations
-from holdfast.dynamics.arm.forward_kinematics import link_twists
-from holdfast.dynamics.arm.varied_kinematics import varied_kinematics
-from holdfast.model.arm import Arm
+from holdfast.dynamics.closed.virtual_power import ArmCase, varied_inertia
 from holdfast.model.link import Link
+from holdfast.questions.arrays import LINKS
 from holdfast.questions.case import Numbers
 from holdfast.spatial.differentiation import gradient, linearised
-from holdfast.spatial.inertia import RigidInertia, about_origin
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate
@@ -61,61 +56,44 @@ class MountedBase(NamedTuple):
 MOTION = MountedBase._fields[:-1]
 
 
-def varied_inertia(link: Link, k: int, varied: Numbers) -> RigidInertia:
-    """Return the inertia of a body about its origin, with the numbers of row k that are varied."""
-    own = {"link_mass": link.mass, "link_com": link.com, "link_inertia": link.inertia}
-    if varied.keys().isdisjoint(own):
-        return link.spatial_inertia
-    return about_origin(*(varied[name][k] if name in varied else x for name, x in own.items()))
-
-
 class TrunkCase(NamedTuple):
     """The arguments of the equations of a trunk.
 
     Attributes:
         floating: its floating base; None without one.
-        serial: its joints and links; None without any.
-        base: pose of its base in the world.
-        q, qd, tau: (n_t,) positions, rates and torques of its joints.
-        base_twist: (6,) twist of the base origin, world axes.
-        base_acceleration: (6,) acceleration of the base origin minus [0; g], which is -[0; g] for a floating base.
+        serial: its joints and links as an arm without a grasp on the trunk's base, whose acceleration minus [0; g] is
+            -[0; g] for a floating base.
         wrenches: (bodies, 6) external wrenches about the bodies' origins, world axes.
         mounts: by arm, the index of its body, and the pose of its base relative to that body.
     """
 
     floating: Link | None
-    serial: Arm | None
-    base: Pose
-    q: Array
-    qd: Array
-    tau: Array
-    base_twist: Array
-    base_acceleration: Array
+    serial: ArmCase
     wrenches: Array
     mounts: Mapping[str, tuple[int, Pose]]
 
     @property
+    def base(self) -> Pose:
+        """The pose of its base in the world."""
+        return self.serial.given.arm.base
+
+    @property
     def bodies(self) -> list[Link]:
         """Its bodies from the base outward."""
-        floating = [] if self.floating is None else [self.floating]
-        return floating if self.serial is None else [*floating, *self.serial.links]
+        return [*([] if self.floating is None else [self.floating]), *self.serial.given.arm.links]
 
     def numbers(self, names: Sequence[str]) -> dict[str, Array]:
         """Return the named numbers; rotations are matrices, and those of mounts are stacked."""
-        joints, places = [] if self.serial is None else self.serial.joints, [p for _, p in self.mounts.values()]
-        bodies = self.bodies
+        places, bodies = [place for _, place in self.mounts.values()], self.bodies
         own = {
-            "base_R": lambda: self.base.R,
-            "base_p": lambda: self.base.p,
-            "armature": lambda: np.array([joint.armature for joint in joints]),
-            "damping": lambda: np.array([joint.damping for joint in joints]),
+            "wrenches": lambda: self.wrenches,
             "link_mass": lambda: np.array([body.mass for body in bodies]),
             "link_com": lambda: np.array([body.com for body in bodies]),
             "link_inertia": lambda: np.array([body.inertia for body in bodies]),
             "place_R": lambda: np.array([place.R for place in places]).reshape(-1, 3, 3),
             "place_p": lambda: np.array([place.p for place in places]).reshape(-1, 3),
         }
-        return {name: own[name]() if name in own else getattr(self, name) for name in names}
+        return {name: own[name]() if name in own else self.serial.numbers([name])[name] for name in names}
 
     def outward(self, z: TrunkUnknowns, y: TrunkUnknowns, varied: Numbers) -> tuple[Scalar, list[MountedBase]]:
         """Return the trunk's part of L, and the motions of the bases mounted on it.
@@ -125,25 +103,21 @@ class TrunkCase(NamedTuple):
             y: the multipliers.
             varied: values that replace the case's own numbers, with the names of `numbers`.
         """
-        own = self.numbers(("base_R", "base_p", "q", "qd", "tau", "base_twist", "base_acceleration", "wrenches"))
-        R, p, q, qd, tau, twist, acceleration, external = (varied.get(name, x) for name, x in own.items())
-        base, acceleration, power = Pose.unchecked(R, p), acceleration + z.base, 0.0
-        bodies = []  # for each: frame, twist and virtual twist, acceleration and its gradient, in body axes
+        given, first = self.serial.given, 0 if self.floating is None else 1
+        acceleration = varied.get("base_acceleration", given.base_acceleration) + z.base
+        external, (arm, at) = varied.get("wrenches", self.wrenches), self.serial.configuration(varied)
+        rows = {name: varied[name][first:] for name in LINKS if name in varied}
+        rows |= {"base_acceleration": acceleration, "link_wrench": external[first:]}
+        power, (V, U, found) = self.serial.links_power(arm, at, z.qdd, y.qdd, y.base, {**varied, **rows})
+        frames = [Pose.unchecked(turn, at.tip.p - reach) for turn, reach in zip(at.R, at.reach, strict=True)]
+        bodies = [(f, v, u, a, K) for f, v, u, (a, K) in zip(frames, V, U, found, strict=True)]  # in body axes
         if self.floating is not None:
-            v, a = unrotate(R, twist), unrotate(R, acceleration)
-            bodies.append((base, v, unrotate(R, y.base), a, acceleration_gradient(a[:3], v[:3])))
-        if self.serial is not None:
-            arm = self.serial.standing_at(base)
-            at = varied_kinematics(arm, q)
-            V, U = link_twists(arm, at, qd, twist), link_twists(arm, at, y.qdd, y.base)
-            found = bias_accelerations(arm, at, V, qd, twist, acceleration, z.qdd)
-            frames = [Pose.unchecked(turn, at.tip.p - reach) for turn, reach in zip(at.R, at.reach, strict=True)]
-            bodies += [(f, v, u, a, K) for f, v, u, (a, K) in zip(frames, V, U, found, strict=True)]
-            drives = varied.get("armature", arm.armature) * z.qdd + self.passive_torque(arm, q, qd, varied)
-            power = power + y.qdd @ (drives - tau)
-        for k, (link, (frame, v, u, a, K), w) in enumerate(zip(self.bodies, bodies, external, strict=True)):
-            inertia = varied_inertia(link, k, varied)
-            power = power + u @ (inertia.wrench(a, v[:3], K) - unrotate(frame.R, w))
+            R, twist = arm.base.R, varied.get("base_twist", given.base_twist)
+            v, u, a = (unrotate(R, x) for x in (twist, y.base, acceleration))
+            K = acceleration_gradient(a[:3], v[:3])
+            bodies.insert(0, (arm.base, v, u, a, K))
+            inertia = varied_inertia(self.floating, 0, varied)
+            power = power + u @ (inertia.wrench(a, v[:3], K) - unrotate(R, external[0]))
         places = self.numbers(("place_R", "place_p")) | dict(varied)
         carried = []
         for (k, _), turn, shift in zip(self.mounts.values(), places["place_R"], places["place_p"], strict=True):
@@ -154,10 +128,6 @@ class TrunkCase(NamedTuple):
                 MountedBase(frame.R @ turn, frame.p + frame.R @ shift, *(rotate(frame.R, part) for part in six))
             )
         return power, carried
-
-    def passive_torque(self, arm: Arm, q: Array, qd: Array, varied: Numbers) -> Array:
-        """Return the torques of dampers and springs, which are subtracted from the joint torques, (n_t,)."""
-        return varied.get("damping", arm.damping) * qd + arm.stiffness * (q - arm.rest)
 
     def carried(self, z: TrunkUnknowns, y: TrunkUnknowns) -> dict[str, MountedBase]:
         """Return the motions of the bases mounted on the trunk, by arm."""
@@ -188,7 +158,7 @@ class TrunkCase(NamedTuple):
 
     def base_motion(self, z: TrunkUnknowns, names: Sequence[str]) -> Linear:
         """Return the linearisation of the motions of the mounted bases in the named numbers for constant z."""
-        none = TrunkUnknowns(np.zeros(len(self.q)), np.zeros(6))
+        none = TrunkUnknowns(np.zeros(len(self.serial.given.q)), np.zeros(6))
 
         def motion(*x: Array) -> list[Array]:
             carried = self.outward(z, none, dict(zip(names, x, strict=True)))[1]
@@ -224,6 +194,6 @@ class TrunkCase(NamedTuple):
                     own = own + load @ base.virtual
                 return own
 
-            return gradient(power, np.zeros(len(self.q)), np.zeros(6))
+            return gradient(power, np.zeros(len(self.serial.given.q)), np.zeros(6))
 
         return linearised(residual, *wrenches, *self.numbers(names).values())
