@@ -11,7 +11,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
+from holdfast.dynamics.inverse import trunk_torques
 from holdfast.model.grasp import WrenchLimits
 from holdfast.model.joint import Joint
 from holdfast.questions.arrays import ARRAYS

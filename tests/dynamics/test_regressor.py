@@ -10,7 +10,7 @@ import pytest
 import holdfast as hf
 from holdfast.dynamics import inertial_parameters
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.dynamics.trunk.trunk_inverse import TrunkTorques, trunk_torques
+from holdfast.dynamics.inverse import TrunkTorques, trunk_torques
 from holdfast.model.link import Link
 from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain

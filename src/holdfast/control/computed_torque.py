@@ -6,8 +6,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
-from holdfast.dynamics.inverse import torques
-from holdfast.dynamics.trunk.trunk_inverse import TrunkTorques, trunk_torques
+from holdfast.dynamics.inverse import TrunkTorques, torques, trunk_torques
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, array, concatenate

@@ -16,9 +16,8 @@ from holdfast.control.computed_torque import joint_accelerations
 from holdfast.dynamics.arm.forward_kinematics import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, needed_wrench, pseudo_gravity
 from holdfast.dynamics.constraint import length_scale
-from holdfast.dynamics.inverse import torques
+from holdfast.dynamics.inverse import torques, trunk_torques
 from holdfast.dynamics.tree.mechanism_inverse import mechanism_holding
-from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.tree.mechanism_inverse import mechanism_torques
-from holdfast.dynamics.trunk.trunk_inverse import needs_drive, require_no_base_wrench, trunk_torques
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -18,10 +21,27 @@ from holdfast.questions.arrays import ARGUMENTS, FLOATING_RESULT, TRUNK_BASE_MOT
 from holdfast.questions.case import VariedCase
 from holdfast.questions.derivatives import asked, declare
 from holdfast.questions.question import Question, by_joints
-from holdfast.spatial.scalar import Array, array
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum
+from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 SAME_WRENCH = 1e-9  # largest relative difference between a given wrench and the one that a bushing exerts
+
+NO_BASE_WRENCH = 1e-8  # a wrench on the floating base below this, relative to the largest one, is rounding
+
+
+class TrunkTorques(NamedTuple):
+    """The torques and the base wrench for given accelerations.
+
+    Attributes:
+        tau: (n,) torques of the drives of trunk and arms.
+        base: (6,) wrench on the first body, about the base origin, which must be zero for a floating base.
+        largest: the largest entry of any wrench on a body of the trunk.
+    """
+
+    tau: Array
+    base: Array
+    largest: Scalar
 
 
 @asked
@@ -103,6 +123,36 @@ def torques_and_deciding(motion: ChainMotion, qdd: Array, f: Array, base: Array 
     if motion.trunk.floats:
         return *trunk_torques(motion, qdd, left, base), *of_bushings
     return torques(motion, qdd, left), *of_bushings
+
+
+def trunk_torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None = None) -> TrunkTorques:
+    """Return the drives' torques of trunk and arms, and the wrench on the base, by Newton-Euler recursions. O(n).
+
+    Args:
+        motion: the chain's motion with zero drive torques.
+        qdd: (n,) joint accelerations.
+        f: (arms, 6) wrench of each arm on the object, about the contact, world axes.
+        base: (6,) true acceleration of a floating base; None without one.
+    """
+    trunk, own = motion.trunk, qdd[motion.trunk.joints]
+    betas = trunk.accelerations(TrunkAcceleration(own, base))
+    found = each(
+        drive_torques,
+        motion.arms.values(),
+        [qdd[part] for part in motion.chain.arm_joints],
+        f,
+        [trunk.under(name, betas) for name in motion.arms],
+    )
+    bases = {name: wrench for name, (_, wrench) in zip(motion.arms, found, strict=True)}
+    torques, under, largest = [], np.zeros(6), np.zeros(())[()]
+    for k, loads, total in trunk.loads(betas, bases):
+        body = trunk.bodies[k]
+        largest = reduce(maximum, (abs(entry) for load in (total, *loads) for entry in load), largest)
+        if body.H is not None and body.joint is not None:
+            rotor = body.joint.armature * own[k - trunk.floats]
+            torques.insert(0, body.H @ total + rotor - body.torque)  # body.torque is minus the passive torque
+        under = shift_wrench(body.reach, total)
+    return TrunkTorques(concatenate([torques, *(of_arm for of_arm, _ in found)]), under, largest)
 
 
 def torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None = None) -> Array:
@@ -199,6 +249,24 @@ def feasible(chain: ClosedChain, given: Mapping[str, Array], found: Mapping[str,
     for x in results.values():
         x[np.logical_or.reduce(wrong)] = np.nan
     return results
+
+
+def needs_drive(base: Array, largest: Array) -> Array:
+    """Return whether wrenches on a base, (..., 6), exceed rounding; the largest wrenches on the trunk are (...)."""
+    return ~(np.abs(base).max(-1) <= NO_BASE_WRENCH * largest)
+
+
+def require_no_base_wrench(base: Array, largest: Array) -> None:
+    """Refuse accelerations of a floating base for which it would need a drive; arguments as in `needs_drive`.
+
+    Raises:
+        StateError: a wrench on the base is needed; the message gives it.
+    """
+    if needs_drive(base, largest):
+        raise StateError(
+            f"base_acceleration: the floating base has no drive, but would need the wrench {checks.place(base)}"
+            " (moment, force about its origin) to accelerate so; try the accelerations and wrenches of forward_dynamics"
+        )
 
 
 def require_holding(chain: ClosedChain, given: Mapping[str, Array]) -> None:

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, needed_wrench, pseudo_gravity
 from holdfast.dynamics.closed.stacked import block_diagonal
 from holdfast.dynamics.constraint import ConstraintRows, constraint_rows, free_wrenches, length_scale
-from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
+from holdfast.dynamics.inverse import trunk_torques
 from holdfast.dynamics.trunk.whole_chain import whole_chain
 from holdfast.errors import StateError
 from holdfast.forces.affine_map import (

@@ -121,7 +121,7 @@ def block_column(
         loads = array([shift_wrench(motion.base_to_tip, row) for row in K]).T * units if mounted else loads
     null = NULL_UNIT * null
     M, *_ = mass_matrix(motion.arm, motion.at)
-    t = drive_torques(motion, np.zeros(N), none) + M @ q0
+    t = drive_torques(motion, np.zeros(N), none)[0] + M @ q0
     of_shared, base = M @ more, np.zeros((0, E.shape[1] + s + 1))
     if mounted:
         B, inertia, w = on_base(motion)

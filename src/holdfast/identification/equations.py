@@ -37,8 +37,8 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.force_elements import with_force_elements
 from holdfast.dynamics.constraint import constraint_rows
+from holdfast.dynamics.inverse import trunk_torques
 from holdfast.dynamics.regressor import UNIT_BODIES, object_columns
-from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.identification.recording import Recording
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.joint_friction import friction_torque, joint_friction

@@ -8,10 +8,15 @@ import pytest
 import holdfast as hf
 from holdfast.cli.contact_answers import contact_answers
 from holdfast.dynamics import ContactMode, ContactStatus, kinetic_energy
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.sequential import sequential, tips_of
 from holdfast.dynamics.contact.rows import contact_rows
+from holdfast.dynamics.contact.touching_chain import chain_mobility, mobility_found, pushed, with_push
 from holdfast.errors import ContactError, ModelError, StateError
 from holdfast.world import HalfSpace, Touching, corners
+from tests.derivatives.functions import problem
 from tests.longer import mostly_slow
+from tests.systems.problems import relative_gap
 from tests.systems.stored_cases import stored_cases
 
 CASES = stored_cases("cases_contact.json")
@@ -111,3 +116,17 @@ def test_refusals():
     with pytest.raises(ContactError, match="jams") as caught:
         hf.forward_dynamics(rod.chain, rod.state, [])
     assert caught.value.status == "JAMMED"
+
+
+@pytest.mark.parametrize("kind", ["plain", "trunk", "floating"])
+def test_the_factors_at_hand_know_what_another_wrench_does(kind):
+    """On a trunk, too, they give the mobility and the response to a push that an elimination of its own gives."""
+    p = problem(kind)
+    motion = chain_motion(p.chain, p.state, p.tau, p.inputs.shaped(p.chain))
+    tips, push = tips_of(motion), np.arange(1.0, 7.0)
+    free, loaded = sequential(motion, tips=tips), pushed(motion, p.state, push)
+    assert relative_gap(mobility_found(motion, free, tips), chain_mobility(motion, tips)) < 1e-13
+    found, expected = with_push(loaded, free, tips, push), sequential(loaded, tips=tips)
+    for name in ("qdd", "wrenches", "base_wrenches", "trunk"):
+        pairs = zip(getattr(found, name), getattr(expected, name), strict=True)
+        assert all(relative_gap(own, x) < 1e-12 for own, x in pairs if x is not None and len(x)), name

@@ -10,15 +10,13 @@ from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
 
 
-def drive_torques(motion: ArmMotion, qdd: Array, tip_wrench: Array) -> Array:
-    """Return the drives' torques tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), (N,) [N m or N]. O(N).
+def drive_torques(motion: ArmMotion, qdd: Array, tip_wrench: Array, base: Array | None = None) -> tuple[Array, Array]:
+    """Return drive torques tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), (N,), and the base wrench.
 
-    Args:
-        motion: the arm's motion, whose torque is ignored.
-        qdd: (N,) joint accelerations.
-        tip_wrench: (6,) f of the arm on the object about the tip point, world axes.
+    O(N); see `newton_euler`.
     """
-    return newton_euler(motion, qdd, tip_wrench)[0] + motion.passive_torque
+    T, wrench = newton_euler(motion, qdd, tip_wrench, base)
+    return T + motion.passive_torque, wrench
 
 
 def newton_euler(motion: ArmMotion, qdd: Array, tip_wrench: Array, base: Array | None = None) -> tuple[Array, Array]:

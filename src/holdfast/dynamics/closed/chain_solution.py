@@ -104,15 +104,8 @@ def base_wrench(trunk: TrunkMotion, betas: Sequence[Array], of_arms: Mapping[str
     """
     if trunk.floats or not trunk.bodies:
         return np.zeros(6) if trunk.floats else None
-    total = np.zeros(6)
-    for k in reversed(range(len(trunk.bodies))):
-        body = trunk.bodies[k]
-        total = total + body.wrench + body.inertia.apply(betas[k])
-        for name, mount in trunk.mounts.items():
-            if mount.body == k:
-                total = total + shift_wrench(mount.offset, of_arms[name])
-        total = shift_wrench(body.reach, total)
-    return total
+    *_, (_, _, total) = trunk.loads(betas, of_arms)
+    return shift_wrench(trunk.bodies[0].reach, total)
 
 
 def unloaded(arm: ArmMotion, route: Route, beta: Array | None = None) -> tuple[Array, Array, Array]:

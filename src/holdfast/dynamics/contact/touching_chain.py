@@ -175,11 +175,13 @@ def chain_mobility(motion: ChainMotion, tips: Mapping[str, TipResponse]) -> Arra
 
 def mobility_found(motion: ChainMotion, free: Solution, tips: Mapping[str, TipResponse]) -> Array:
     """Return `chain_mobility` by the factors of a solution, six right-hand sides, if it has those of all bodies."""
-    if motion.trunk.bodies or free.factors is None:
+    if free.factors is None:
         return chain_mobility(motion, tips)
-    still = [np.zeros(6)] * len(free.wrenches)
+    still, trunk = [np.zeros(6)] * len(free.wrenches), motion.trunk.at_rest()
     return array(
-        each(lambda unit: solved_again(free.factors, ChainLoads(still, unit)).object_acceleration, list(np.eye(6)))
+        each(
+            lambda unit: solved_again(free.factors, ChainLoads(still, unit, trunk)).object_acceleration, list(np.eye(6))
+        )
     )
 
 
@@ -192,17 +194,22 @@ def with_push(pushed_motion: ChainMotion, free: Solution, tips: Mapping[str, Tip
         tips: the tip responses of all arms on which the solution depends.
         wrench: (6,) about C, world axes.
     """
-    if pushed_motion.trunk.bodies or free.factors is None:
+    if free.factors is None:
         return sequential(pushed_motion, tips=tips)
-    more, alpha, *_ = solved_again(free.factors, ChainLoads([np.zeros(6)] * len(free.wrenches), wrench))
-    wrenches = each(lambda f, own: f + own, free.wrenches, more)
-    responses = each(responded, free.tips, wrenches, [None] * len(wrenches))
+    trunk, still = pushed_motion.trunk, [np.zeros(6)] * len(free.wrenches)
+    more = solved_again(free.factors, ChainLoads(still, wrench, trunk.at_rest()))
+    wrenches = each(lambda f, own: f + own, free.wrenches, more.wrenches)
+    moved = free.trunk.plus(more.trunk)
+    betas = trunk.accelerations(moved)
+    columns = [trunk.of_columns(name, moved, betas) for name in pushed_motion.chain.grasps]
+    responses = each(responded, free.tips, wrenches, columns)
     return replace(
         free,
         qdd=[qdd for qdd, _ in responses],
         wrenches=wrenches,
-        object_acceleration=free.object_acceleration + alpha,
+        object_acceleration=free.object_acceleration + more.object_acceleration,
         base_wrenches=[base for _, base in responses],
+        trunk=moved,
     )
 
 

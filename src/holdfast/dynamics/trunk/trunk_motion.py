@@ -10,7 +10,7 @@ accelerations of these joints instead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +31,7 @@ from holdfast.spatial.spatial_vector import (
     centripetal,
     rotate,
     shift_twist,
+    shift_wrench,
     twist_shift,
     unrotate,
 )
@@ -164,6 +165,24 @@ class TrunkMotion(NamedTuple):
         betas = self.accelerations(TrunkAcceleration(qdd[self.joints], base))
         return {name: shift_twist(mount.offset, betas[mount.body]) for name, mount in self.mounts.items()}
 
+    def loads(self, betas: Sequence[Array], of_arms: Mapping[str, Array]) -> Iterator[tuple[int, list[Array], Array]]:
+        """Yield, from the outermost body inward, its index, the loads on it, and the wrench that moves it, (6,) each.
+
+        The wrench is that of the body before, or of the base, about the body's origin, world axes.
+
+        Args:
+            betas: per body, the acceleration that is added by the accelerations of the trunk's joints.
+            of_arms: by name, the wrench of the trunk on each arm, about the arm's base origin.
+        """
+        total = np.zeros(6)
+        for k in reversed(range(len(self.bodies))):
+            body = self.bodies[k]
+            loads = [body.wrench + body.inertia.apply(betas[k])]
+            loads += [shift_wrench(m.offset, of_arms[name]) for name, m in self.mounts.items() if m.body == k]
+            total = sum(loads, start=total)
+            yield k, loads, total
+            total = shift_wrench(body.reach, total)
+
     def of_columns(self, name: str, found: TrunkAcceleration, betas: Sequence[Array]) -> Array | None:
         """Return the accelerations of an arm's columns, (c,); None if it is not mounted on the trunk."""
         mount = self.mounts.get(name)
@@ -183,6 +202,11 @@ class TrunkAcceleration(NamedTuple):
 
     qdd: Array
     base: Array | None
+
+    def plus(self, other: TrunkAcceleration) -> TrunkAcceleration:
+        """Return the sum of both."""
+        base = None if self.base is None or other.base is None else self.base + other.base
+        return TrunkAcceleration(self.qdd + other.qdd, base)
 
 
 NO_ACCELERATION = TrunkAcceleration(np.zeros(0), None)  # of a trunk without bodies
