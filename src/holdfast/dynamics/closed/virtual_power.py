@@ -95,9 +95,9 @@ class LinkMotions(NamedTuple):
         accelerations: (6,) acceleration of every link, and its gradient.
     """
 
-    twists: Sequence[Array]
-    virtual: Sequence[Array]
-    accelerations: Sequence[tuple[Array, Array]]
+    twists: tuple[Array, ...]
+    virtual: tuple[Array, ...]
+    accelerations: list[tuple[Array, Array]]
 
 
 class ArmCase(NamedTuple):
