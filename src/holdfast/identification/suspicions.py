@@ -29,6 +29,7 @@ TIMES = 5.0  # ratio of sizes above which units differ
 RATE_ERROR = 0.2  # relative error of a ratio of rates that is one by mistaken units or signs
 LARGEST_TURN = 4.0 * np.pi  # largest position of a joint without limits that is expected
 SURE_OF_RATIO, WELL_CONDITIONED = 0.05, 1e3  # relative deviation of a ratio of torques, and its equations
+BRAKES = 0.02  # power of friction, relative to the most that the torque may have, above which it brakes
 RATE_UNITS = {
     DEGREES: "qd of '{}' is in degrees per second",
     30.0 / np.pi: "qd of '{}' is in revolutions per minute",
@@ -164,12 +165,13 @@ def _of_torques(names: list[str], by: str, y: Array, needed: Array, rates: Array
         for k in [k for k in both.tolist() if k > j and R[j, k] > SAME_SIGNAL and R[k, j] > SAME_SIGNAL]:
             if max(R[j, j], R[k, k]) < ANOTHER_SIGNAL:
                 found.append(f"{by} of '{names[j]}' and '{names[k]}' are most likely swapped")
-        if R[j, j] < -SAME_SIGNAL:
+        beside = None if rates is None else _beside_friction(y[:, j], needed[:, j], rates[:, j])
+        if R[j, j] < -SAME_SIGNAL or (beside is not None and -TIMES < beside < -1.0 / TIMES):
             found.append(f"{by} of '{names[j]}' has most likely the opposite sign")
         if by != "tau":
             continue
         ratio, sure = float(varying[j] / moved[j]), bool(R[j, j] > SAME_SIGNAL)
-        if rates is not None and (beside := _beside_friction(y[:, j], needed[:, j], rates[:, j])) is not None:
+        if beside is not None:
             ratio, sure = beside, beside > 0.0
         if sure and not 1.0 / TIMES < ratio < TIMES:
             found.append(f"tau of '{names[j]}' is {ratio:.2g} times what the model needs; most likely it is not in N m")
@@ -177,7 +179,10 @@ def _of_torques(names: list[str], by: str, y: Array, needed: Array, rates: Array
 
 
 def _beside_friction(y: Array, needed: Array, rate: Array) -> float | None:
-    """Return how many times what a model needs a torque is, beside damping, friction and an offset; None if unsure."""
+    """Return how many times what a model needs a torque is, beside damping, friction and an offset; None if unsure.
+
+    A negative ratio is unsure if the friction beside it brakes: that of a torque with the opposite sign drives.
+    """
     A = np.column_stack([needed, rate, friction_torque(np.ones(len(rate)), rate), np.ones(len(rate))])
     sizes = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     if len(y) <= 2 * A.shape[1] or np.linalg.cond(A / sizes) > WELL_CONDITIONED:
@@ -185,7 +190,9 @@ def _beside_friction(y: Array, needed: Array, rate: Array) -> float | None:
     c = np.linalg.lstsq(A / sizes, y, rcond=None)[0] / sizes
     left = y - A @ c
     variance = float(left @ left) / (len(y) - A.shape[1]) * np.linalg.inv((A / sizes).T @ (A / sizes))[0, 0]
-    return float(c[0]) if np.sqrt(variance) / sizes[0] < SURE_OF_RATIO * abs(c[0]) else None
+    unsure = np.sqrt(variance) / sizes[0] >= SURE_OF_RATIO * abs(c[0])
+    brakes = float(A[:, 1:3] @ c[1:3] @ rate) > BRAKES * float(np.linalg.norm(y) * np.linalg.norm(rate))
+    return None if unsure or (c[0] < 0.0 and brakes) else float(c[0])
 
 
 def _needed(rows: MachineRows, unknowns: MachineUnknowns) -> tuple[Array, Array]:
