@@ -122,6 +122,15 @@ def test_estimated_noise_is_that_of_the_closures() -> None:
     assert np.isclose(found.misfit, 1.0, atol=0.05)
 
 
+def test_degrees_are_named() -> None:
+    one = cell(5)
+    right = hf.calibrate(one.model, one.q, ["bases:right"], noise=NOISE)
+    assert not any("degrees" in note for note in right.notes)
+    wrong = hf.calibrate(one.model, np.degrees(one.q), ["bases:right"], noise=NOISE)
+    assert "q of 'left/joint1' goes up to" in wrong.notes[0]
+    assert "most likely they are degrees" in wrong.notes[0]
+
+
 def test_postures_that_slipped_count_less() -> None:
     one = cell(4, count=40)
     spoiled = np.array(one.q)

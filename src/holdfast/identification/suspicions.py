@@ -63,7 +63,7 @@ def suspicions(
     """
     by = unknowns.by
     names = chain.joint_names()
-    found = [*_of_times(recordings), *_of_positions(chain, names, recordings), *_of_rates(names, recordings)]
+    found = suspicions_of_motion(chain, recordings)
     if by not in ("tau", "current"):
         return found
     needed, y = _needed(rows, unknowns)[0], rows.y
@@ -80,6 +80,12 @@ def suspicions(
     return found + torques if found or torques else _guesses(names, recordings, unknowns, needs)
 
 
+def suspicions_of_motion(chain: ClosedChain, recordings: Sequence[Recording]) -> list[str]:
+    """Return sentences about times, positions and rates that are likely to be wrong, whatever was measured."""
+    names = chain.joint_names()
+    return [*_of_times(recordings), *_of_positions(chain, names, recordings), *_of_rates(names, recordings)]
+
+
 def _of_times(recordings: Sequence[Recording]) -> list[str]:
     """Return whether stamps are in another unit, by how far they are apart."""
     steps = [float(np.median(np.diff(one.t))) for one in recordings if len(one) > 1]
@@ -92,19 +98,12 @@ def _of_positions(chain: ClosedChain, names: list[str], recordings: Sequence[Rec
     """Return what is wrong with positions, by their limits, and whether they change at all."""
     q, found = np.concatenate([one.q for one in recordings]), list[str]()
     still = np.ptp(q, axis=0) == 0.0  # a mean of equal numbers rounds, so that their deviation need not be 0
-    for joint, (name, (low, high)) in enumerate(zip(names, chain.position_limits.tolist(), strict=True)):
+    for joint, name in enumerate(names):
         rates = [one.qd[:, joint] for one in recordings if one.qd is not None]
         if still[joint] and not still.all() and (still.sum() == 1 < len(names) - 1 or any(np.any(x) for x in rates)):
             found.append(f"q of '{name}' never changes, while others do; most likely it was not recorded")
         if not chain.all_joints[joint].turns:
             continue
-        low, high = max(low, -LARGEST_TURN), min(high, LARGEST_TURN)
-        largest = float(np.abs(q[:, joint]).max())
-        if np.abs(q[:, joint] - np.clip(q[:, joint], low, high)).max() > BEYOND_LIMITS:
-            within = largest / DEGREES < max(-low, high) + BEYOND_LIMITS
-            unit = "; most likely they are degrees" if within and largest > LARGEST_TURN else ""
-            unit = unit or "; units, sign or another joint's column?"
-            found.append(f"q of '{name}' goes up to {largest:.3g} rad, beyond its limits{unit}")
         limit = chain.all_joints[joint].rate_limit
         fastest = max(FASTEST, 5.0 * limit if np.isfinite(limit) else 0.0)
         fast = max(
@@ -114,6 +113,24 @@ def _of_positions(chain: ClosedChain, names: list[str], recordings: Sequence[Rec
         )  # fmt: skip
         if fast > fastest:
             found.append(f"q of '{name}' turns by {fast:.3g} rad/s; units of the times or of q?")
+    return [*positions_beyond_limits(chain, q), *found]
+
+
+def positions_beyond_limits(chain: ClosedChain, q: Array) -> list[str]:
+    """Return which joints turn beyond their limits in positions (samples, ...), and whether these are degrees."""
+    found, column = list[str](), 0
+    for joint, name in zip(chain.all_joints, chain.joint_names(), strict=True):
+        x = q[np.isfinite(q[:, column]), column]
+        column += joint.type.position_count
+        if not joint.turns or joint.type.position_count > 1 or not len(x):
+            continue
+        low, high = np.clip(joint.position_limits, -LARGEST_TURN, LARGEST_TURN).tolist()
+        largest = float(np.abs(x).max())
+        if np.abs(x - np.clip(x, low, high)).max() > BEYOND_LIMITS:
+            within = largest / DEGREES < max(-low, high) + BEYOND_LIMITS
+            unit = "; most likely they are degrees" if within and largest > LARGEST_TURN else ""
+            unit = unit or "; units, sign or another joint's column?"
+            found.append(f"q of '{name}' goes up to {largest:.3g} rad, beyond its limits{unit}")
     return found
 
 
