@@ -136,8 +136,8 @@ def identify(
             raise
         said = str(error).removeprefix("identify: ")
         raise StateError(f"identify: recording: {'; '.join(doubts)}; as it stands, {said}") from error
-    notes = [*doubts, *notes_on_estimate(found, motion, system, noise is not None), *notes_on_grasps(chain, whole, frames)]
-    notes += notes_on_motion(given)
+    notes = [*doubts, *notes_on_estimate(found, motion, system, noise is not None)]
+    notes += [*notes_on_grasps(chain, whole, frames), *notes_on_motion(given)]
     return replace(_identification(chain, sought, found, settings, frames, tuple(notes)), suspicions=tuple(doubts))
 
 
