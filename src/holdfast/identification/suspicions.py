@@ -25,7 +25,7 @@ DEGREES = 180.0 / np.pi
 BEYOND_LIMITS = 0.2  # rad beyond a joint's limits, or a turn, from which positions are hardly radians
 SAME_SIGNAL, ANOTHER_SIGNAL = 0.9, 0.5  # correlations of columns that are the same, and of those that are not
 FAR_LESS_LIKE, EXACT_RATES = 10.0, 1e-4  # ratio of 1 - correlation^2 of two columns with a signal; least such size
-STANDS = 1e-6  # deviation [rad or m] up to which a joint stands, so that its torque may be constant
+STILL_POSITION = 1e-6  # deviation [rad or m] up to which a joint stands, so that its torque may be constant
 TIMES = 5.0  # ratio of sizes above which units differ
 RATE_ERROR = 0.2  # relative error of a ratio of rates that is one by mistaken units or signs
 LARGEST_TURN = 4.0 * np.pi  # largest position of a joint without limits that is expected
@@ -68,7 +68,7 @@ def suspicions(
     if by not in ("tau", "current"):
         return found
     needed, y = _needed(rows, unknowns)[0], rows.y
-    moving = np.concatenate([one.q for one in recordings]).std(axis=0) > STANDS
+    moving = np.concatenate([one.q for one in recordings]).std(axis=0) > STILL_POSITION
     found += [
         f"{by} of '{name}' is always {y[0, k]:.3g}; most likely it was not recorded"
         for k, name in enumerate(names)
@@ -164,7 +164,7 @@ def _of_rates(names: list[str], recordings: Sequence[Recording]) -> list[str]:
                     )
         found += [
             f"qd of '{names[j]}' is always {one.qd[0, j]:.3g} although q changes; most likely it was not recorded"
-            for j in np.flatnonzero((np.ptp(one.qd, axis=0) == 0.0) & (one.q.std(axis=0) > STANDS)).tolist()
+            for j in np.flatnonzero((np.ptp(one.qd, axis=0) == 0.0) & (one.q.std(axis=0) > STILL_POSITION)).tolist()
         ]
     return found
 
