@@ -59,7 +59,7 @@ def _pointing(data: scene.HoldTable, at: Location) -> Pose:
     """Return the contact frame with z along the normal `into` what is held."""
     if data.quaternion is not None or data.rpy is not None:
         raise at.refuse("expected one of into, quaternion and rpy, got into and another")
-    if not any(data.into or ()):
+    if data.into is None or not any(data.into):
         raise (at / "into").refuse("expected a direction, got a vector of length zero")
     with at.refusals():
         return contact_frame(data.position, into=data.into)
