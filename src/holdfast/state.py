@@ -134,7 +134,8 @@ class State(Frozen):
             count, several = len(chain.free_objects), self.object_pose.ndim > 1
             if self.object_pose.size != 7 * count or (several and not chain.beyond_serial):
                 shape = "(7,)" if count == 1 else f"({count}, 7)"
-                raise StateError(f"state: object_pose: expected shape {shape}, got {self.object_pose.shape}")
+                got = str(self.object_pose.shape) if self.object_pose.size else "none; hf.assemble finds it from q"
+                raise StateError(f"state: object_pose: expected shape {shape}, got {got}")
         if chain.floats and self.base_pose is None:
             raise StateError("state: base_pose: expected the pose of the trunk's floating base, got none")
         if self.base_pose is not None and not chain.floats:

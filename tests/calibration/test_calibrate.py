@@ -122,6 +122,15 @@ def test_estimated_noise_is_that_of_the_closures() -> None:
     assert np.isclose(found.misfit, 1.0, atol=0.05)
 
 
+def test_degrees_are_named() -> None:
+    one = cell(5)
+    right = hf.calibrate(one.model, one.q, ["bases:right"], noise=NOISE)
+    assert not any("degrees" in note for note in right.notes)
+    wrong = hf.calibrate(one.model, np.degrees(one.q), ["bases:right"], noise=NOISE)
+    assert "q of 'left/joint1' goes up to" in wrong.notes[0]
+    assert "most likely they are degrees" in wrong.notes[0]
+
+
 def test_postures_that_slipped_count_less() -> None:
     one = cell(4, count=40)
     spoiled = np.array(one.q)
@@ -308,3 +317,16 @@ def test_postures_are_read_from_a_table(tmp_path: Any) -> None:
     path.write_text(path.read_text().replace("q left/joint2", "left/j2"))
     with pytest.raises(hf.errors.ResultError, match="expected a column 'q left/joint2'"):
         hf.calibration.load_postures(path, one.model)
+
+
+def test_postures_are_read_from_the_folder_of_a_run(tmp_path: Any) -> None:
+    """What says that it takes a result folder does, and a path where nothing is is called that."""
+    arm = hf.Arm([hf.Joint("revolute", [0, 0, 1.0])], [hf.Link(1.0, [0.1, 0, 0], 0.01 * np.eye(3))])
+    box, grasps = hf.HeldObject.box(1.0, 0.1, 0.1, 0.1), {"arm": hf.Grasp("rigid", hf.Pose.identity())}
+    chain, state = hf.assemble({"arm": arm}, box, grasps, q={"arm": [0.3]})
+    run = hf.simulate(chain, state, lambda t, state, memory: (np.zeros(1), memory), 0.02, 0.01)
+    run.save(tmp_path / "run")
+    assert np.array_equal(hf.calibration.load_postures(tmp_path / "run", chain).q, run.q)
+    for nothing in ("nothing", "nothing.csv"):
+        with pytest.raises(hf.errors.ResultError, match=r"[Nn]o such file"):
+            hf.calibration.load_postures(tmp_path / nothing, chain)

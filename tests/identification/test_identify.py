@@ -261,6 +261,18 @@ def test_refusals(model, short, said):
         hf.identify(**{"chain": model, "recordings": short} | REFUSED[said])
 
 
+@pytest.mark.parametrize("by", BY)
+def test_degrees_are_named(model, short, by):
+    """Positions in degrees are said before a mass below zero, or beside a bad fit."""
+    wrong = replace(short, q=np.degrees(short.q))
+    try:
+        said = "; ".join(hf.identify(model, wrong, by=by).suspicions)
+    except hf.errors.StateError as error:
+        said = str(error)
+        assert said.index("degrees") < said.index("as it stands")
+    assert "q of 'left/joint1'" in said and "degrees" in said
+
+
 def test_recordings_that_do_not_fit(model, short):
     """Lacking, too few, of other arms, or of no motion that could tell anything."""
     few = {name: x[:2] for name, x in given(short).items()}

@@ -343,6 +343,15 @@ def test_likely_faults_of_recordings_are_named(fault, said):
     assert not any("most likely" in note for note in right)
 
 
+def test_torques_of_an_arm_that_stands_are_constant_and_recorded():
+    """Positions that differ by rounding are no motion, in which a torque would have to change."""
+    still = np.tile(HOME["panda"], (20, 1)) + 1e-15 * np.random.default_rng(0).normal(size=(20, 7))
+    given = Recording(t=np.arange(20) / 100, q=still, qd=0 * still, qdd=0 * still, tau=0 * still)
+    tau = -measurement_errors(BARE, given.part(slice(0, 1)), "tau")
+    notes = hf.identify(BARE, replace(given, tau=np.tile(tau, (20, 1))), by="tau", unknowns=["friction"]).notes
+    assert not any("not recorded" in note for note in notes), notes
+
+
 @pytest.mark.parametrize(
     ("fault", "said"),
     [

@@ -360,3 +360,9 @@ def test_inputs_of_lists():
     assert isinstance(Inputs(object_wrench=[0, 0, 0, 0, 0, 1]).object_wrench, np.ndarray)
     with pytest.raises(StateError, match="inputs: base_twists: expected an array of numbers, got"):
         Inputs(base_twists=[[0], [0, 0]])
+
+
+def test_state_without_the_pose_of_the_object():
+    """What is lacking is said, not the shape of what is not there."""
+    with pytest.raises(StateError, match=r"object_pose: expected shape \(7,\), got none; hf.assemble finds it"):
+        hf.forward_dynamics(CHAIN, State([0.0], [0.0]), [0.0])

@@ -87,7 +87,8 @@ def test_the_right_line(tmp_path):
 ASKED = [
     ({"tip": "left_grsp"}, "robot 'two_armed': tip: no link 'left_grsp'. Did you mean 'left_grasp'?"),
     ({"base": "nowhere at all", "tip": "head"}, "base: no link 'nowhere at all'. Known: 'base', 'torso'"),
-    ({"base": 3, "tip": "head"}, "base: no link a int"),
+    ({"base": 3, "tip": "head"}, "base: expected the name of a link, got a int"),
+    ({"base": holdfast.Pose.identity(), "tip": "head"}, "got a Pose; a pose in the world is mount="),
     ({"base": "left_hand"}, "several ends"),
     ({"base": "head"}, "tip: no moving joint below base 'head'"),
     ({"base": "left_hand", "tip": "left_grasp"}, "joint that moves between base 'left_hand' and tip 'left_grasp'"),

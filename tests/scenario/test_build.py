@@ -133,6 +133,13 @@ def test_a_sole(tmp_path):
     assert "a sole contact needs half_lengths" in said
 
 
+def test_normal_in_place_of_a_quaternion(tmp_path):
+    """The contact frame is that of `hf.contact_frame`."""
+    text = changed("quaternion = [0.5, -0.5, 0.5, -0.5]", "into = [2, 0, 0]")
+    frame = loaded(tmp_path, text).chain.grasps["left"].frame
+    assert np.allclose(frame.wxyz_xyz, loaded(tmp_path, TEXT).chain.grasps["left"].frame.wxyz_xyz, atol=1e-15)
+
+
 MORE = """
 [[events]]
 type = "attach"
@@ -251,6 +258,10 @@ BAD_SCENES = {
                             " unit quaternion (w, x, y, z), got length 0.9539"),
     "two attitudes": ("quaternion = [0.5, -0.5, 0.5, -0.5]", "quaternion = [1, 0, 0, 0]\nrpy = [0, 0, 0]",
                       "$.grasps[0]: expected quaternion or rpy, got both"),
+    "normal and attitude": ("quaternion = [0.5, -0.5, 0.5, -0.5]", "into = [1, 0, 0]\nrpy = [0, 0, 0]",
+                            "$.grasps[0]: expected one of into, quaternion and rpy, got into and another"),
+    "no normal": ("quaternion = [0.5, -0.5, 0.5, -0.5]", "into = [0, 0, 0]", "$.grasps[0].into: expected a"
+                  " direction"),
     "too few joints": ("q = [0.0, -0.6,", "q = [-0.6,", "$.arms[0].q: expected 7 joint positions for a panda, got 6"),
     "contact on a rigid grasp": ('kind = "rigid"', 'kind = "rigid"\ncontact = { mu = 0.5 }', "$.grasps[0]: a rigid"
                                  " grasp is two-sided"),

@@ -23,6 +23,7 @@ from holdfast.identification.base_parameters import parts_kept
 from holdfast.identification.joint_region import in_region
 from holdfast.identification.notes import POORLY
 from holdfast.identification.recording import Recording
+from holdfast.identification.suspicions import positions_beyond_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
@@ -293,7 +294,7 @@ def _calibration(chain: ClosedChain, problem: Problem, found: Fit, held_out: Any
         weights=found.weights,
         markers=_of(poses, "marker "),
         sensors=_of(poses, "sensor "),
-        notes=tuple(_notes(problem, found)),
+        notes=(*positions_beyond_limits(chain, problem.q), *_notes(problem, found)),
         problem=problem,
         fitted=found,
         model=chain,

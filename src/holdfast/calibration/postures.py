@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
@@ -12,6 +13,7 @@ import numpy as np
 from holdfast.errors import ResultError, StateError
 from holdfast.identification.recording import Recording
 from holdfast.io.files import file_path
+from holdfast.io.result_reader import load_result
 from holdfast.io.table_reader import read_table
 from holdfast.io.units import factor_to
 from holdfast.model import checks
@@ -148,13 +150,15 @@ def load_postures(path: str | PathLike[str], chain: ClosedChain) -> Postures:
     `holds NAME` with 0 and 1 says in which postures a grasp or loop was closed. Other columns are ignored.
 
     Args:
-        path: a file that ends in .csv, .parquet, .npz or .mcap.
+        path: a file that ends in .csv, .parquet, .npz or .mcap, or the result folder of a run.
         chain: the chain whose joints are named in the titles.
 
     Raises:
         ResultError: the file cannot be read, or lacks the column of a joint.
     """
     path = file_path(path, "path")
+    if os.path.isdir(path):
+        return Postures(load_result(path).trajectory.q)
     table, columns = read_table(path), []
     for name, joint in zip(chain.joint_names(), chain.all_joints, strict=True):
         title = next((one for one in (f"q {name}", name) if one in table), None)

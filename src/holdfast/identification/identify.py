@@ -25,6 +25,7 @@ from holdfast.identification.machine.unknowns import KINDS, required_kinds
 from holdfast.identification.motion_noise import payload_noise
 from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
 from holdfast.identification.recording import Recording
+from holdfast.identification.suspicions import suspicions_of_motion
 from holdfast.io.result_reader import Result
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -127,10 +128,17 @@ def identify(
             f"identify: expected {2 * p} rows or more for {p} unknowns, got {rows} of {len(system.rows)} samples"
         )
     motion = payload_noise(chain, moving, settings, system)
-    found = estimate(system, sought, kinds, _given_noise(noise, chain, by), largest, motion)
-    notes = [*notes_on_estimate(found, motion, system, noise is not None), *notes_on_grasps(chain, whole, frames)]
-    notes += notes_on_motion(given)
-    return _identification(chain, sought, found, settings, frames, tuple(notes))
+    doubts = suspicions_of_motion(chain, [one for one, _ in moving])
+    try:
+        found = estimate(system, sought, kinds, _given_noise(noise, chain, by), largest, motion)
+    except StateError as error:
+        if not doubts:
+            raise
+        said = str(error).removeprefix("identify: ")
+        raise StateError(f"identify: recording: {'; '.join(doubts)}; as it stands, {said}") from error
+    notes = [*doubts, *notes_on_estimate(found, motion, system, noise is not None)]
+    notes += [*notes_on_grasps(chain, whole, frames), *notes_on_motion(given)]
+    return replace(_identification(chain, sought, found, settings, frames, tuple(notes)), suspicions=tuple(doubts))
 
 
 def _of_machine(

@@ -25,10 +25,12 @@ DEGREES = 180.0 / np.pi
 BEYOND_LIMITS = 0.2  # rad beyond a joint's limits, or a turn, from which positions are hardly radians
 SAME_SIGNAL, ANOTHER_SIGNAL = 0.9, 0.5  # correlations of columns that are the same, and of those that are not
 FAR_LESS_LIKE, EXACT_RATES = 10.0, 1e-4  # ratio of 1 - correlation^2 of two columns with a signal; least such size
+STILL_POSITION = 1e-6  # deviation [rad or m] up to which a joint stands, so that its torque may be constant
 TIMES = 5.0  # ratio of sizes above which units differ
 RATE_ERROR = 0.2  # relative error of a ratio of rates that is one by mistaken units or signs
 LARGEST_TURN = 4.0 * np.pi  # largest position of a joint without limits that is expected
 SURE_OF_RATIO, WELL_CONDITIONED = 0.05, 1e3  # relative deviation of a ratio of torques, and its equations
+BRAKES = 0.02  # power of friction, relative to the most that the torque may have, above which it brakes
 RATE_UNITS = {
     DEGREES: "qd of '{}' is in degrees per second",
     30.0 / np.pi: "qd of '{}' is in revolutions per minute",
@@ -62,11 +64,11 @@ def suspicions(
     """
     by = unknowns.by
     names = chain.joint_names()
-    found = [*_of_times(recordings), *_of_positions(chain, names, recordings), *_of_rates(names, recordings)]
+    found = suspicions_of_motion(chain, recordings)
     if by not in ("tau", "current"):
         return found
     needed, y = _needed(rows, unknowns)[0], rows.y
-    moving = np.concatenate([one.q for one in recordings]).std(axis=0) > 0.0
+    moving = np.concatenate([one.q for one in recordings]).std(axis=0) > STILL_POSITION
     found += [
         f"{by} of '{name}' is always {y[0, k]:.3g}; most likely it was not recorded"
         for k, name in enumerate(names)
@@ -77,6 +79,12 @@ def suspicions(
     rates = np.concatenate([np.asarray(one.qd) for one in recordings])
     torques = _of_torques(names, by, y, needed, rates if len(rates) == len(y) else None)
     return found + torques if found or torques else _guesses(names, recordings, unknowns, needs)
+
+
+def suspicions_of_motion(chain: ClosedChain, recordings: Sequence[Recording]) -> list[str]:
+    """Return sentences about times, positions and rates that are likely to be wrong, whatever was measured."""
+    names = chain.joint_names()
+    return [*_of_times(recordings), *_of_positions(chain, names, recordings), *_of_rates(names, recordings)]
 
 
 def _of_times(recordings: Sequence[Recording]) -> list[str]:
@@ -91,19 +99,12 @@ def _of_positions(chain: ClosedChain, names: list[str], recordings: Sequence[Rec
     """Return what is wrong with positions, by their limits, and whether they change at all."""
     q, found = np.concatenate([one.q for one in recordings]), list[str]()
     still = np.ptp(q, axis=0) == 0.0  # a mean of equal numbers rounds, so that their deviation need not be 0
-    for joint, (name, (low, high)) in enumerate(zip(names, chain.position_limits.tolist(), strict=True)):
+    for joint, name in enumerate(names):
         rates = [one.qd[:, joint] for one in recordings if one.qd is not None]
         if still[joint] and not still.all() and (still.sum() == 1 < len(names) - 1 or any(np.any(x) for x in rates)):
             found.append(f"q of '{name}' never changes, while others do; most likely it was not recorded")
         if not chain.all_joints[joint].turns:
             continue
-        low, high = max(low, -LARGEST_TURN), min(high, LARGEST_TURN)
-        largest = float(np.abs(q[:, joint]).max())
-        if np.abs(q[:, joint] - np.clip(q[:, joint], low, high)).max() > BEYOND_LIMITS:
-            within = largest / DEGREES < max(-low, high) + BEYOND_LIMITS
-            unit = "; most likely they are degrees" if within and largest > LARGEST_TURN else ""
-            unit = unit or "; units, sign or another joint's column?"
-            found.append(f"q of '{name}' goes up to {largest:.3g} rad, beyond its limits{unit}")
         limit = chain.all_joints[joint].rate_limit
         fastest = max(FASTEST, 5.0 * limit if np.isfinite(limit) else 0.0)
         fast = max(
@@ -113,6 +114,24 @@ def _of_positions(chain: ClosedChain, names: list[str], recordings: Sequence[Rec
         )  # fmt: skip
         if fast > fastest:
             found.append(f"q of '{name}' turns by {fast:.3g} rad/s; units of the times or of q?")
+    return [*positions_beyond_limits(chain, q), *found]
+
+
+def positions_beyond_limits(chain: ClosedChain, q: Array) -> list[str]:
+    """Return which joints turn beyond their limits in positions (samples, ...), and whether these are degrees."""
+    found, column = list[str](), 0
+    for joint, name in zip(chain.all_joints, chain.joint_names(), strict=True):
+        x = q[np.isfinite(q[:, column]), column]
+        column += joint.type.position_count
+        if not joint.turns or joint.type.position_count > 1 or not len(x):
+            continue
+        low, high = np.clip(joint.position_limits, -LARGEST_TURN, LARGEST_TURN).tolist()
+        largest = float(np.abs(x).max())
+        if np.abs(x - np.clip(x, low, high)).max() > BEYOND_LIMITS:
+            within = largest / DEGREES < max(-low, high) + BEYOND_LIMITS
+            unit = "; most likely they are degrees" if within and largest > LARGEST_TURN else ""
+            unit = unit or "; units, sign or another joint's column?"
+            found.append(f"q of '{name}' goes up to {largest:.3g} rad, beyond its limits{unit}")
     return found
 
 
@@ -145,7 +164,7 @@ def _of_rates(names: list[str], recordings: Sequence[Recording]) -> list[str]:
                     )
         found += [
             f"qd of '{names[j]}' is always {one.qd[0, j]:.3g} although q changes; most likely it was not recorded"
-            for j in np.flatnonzero((np.ptp(one.qd, axis=0) == 0.0) & (true.std(axis=0) > 0.0)).tolist()
+            for j in np.flatnonzero((np.ptp(one.qd, axis=0) == 0.0) & (one.q.std(axis=0) > STILL_POSITION)).tolist()
         ]
     return found
 
@@ -164,12 +183,13 @@ def _of_torques(names: list[str], by: str, y: Array, needed: Array, rates: Array
         for k in [k for k in both.tolist() if k > j and R[j, k] > SAME_SIGNAL and R[k, j] > SAME_SIGNAL]:
             if max(R[j, j], R[k, k]) < ANOTHER_SIGNAL:
                 found.append(f"{by} of '{names[j]}' and '{names[k]}' are most likely swapped")
-        if R[j, j] < -SAME_SIGNAL:
+        beside = None if rates is None else _beside_friction(y[:, j], needed[:, j], rates[:, j])
+        if R[j, j] < -SAME_SIGNAL or (beside is not None and -TIMES < beside < -1.0 / TIMES):
             found.append(f"{by} of '{names[j]}' has most likely the opposite sign")
         if by != "tau":
             continue
         ratio, sure = float(varying[j] / moved[j]), bool(R[j, j] > SAME_SIGNAL)
-        if rates is not None and (beside := _beside_friction(y[:, j], needed[:, j], rates[:, j])) is not None:
+        if beside is not None:
             ratio, sure = beside, beside > 0.0
         if sure and not 1.0 / TIMES < ratio < TIMES:
             found.append(f"tau of '{names[j]}' is {ratio:.2g} times what the model needs; most likely it is not in N m")
@@ -177,7 +197,10 @@ def _of_torques(names: list[str], by: str, y: Array, needed: Array, rates: Array
 
 
 def _beside_friction(y: Array, needed: Array, rate: Array) -> float | None:
-    """Return how many times what a model needs a torque is, beside damping, friction and an offset; None if unsure."""
+    """Return how many times what a model needs a torque is, beside damping, friction and an offset; None if unsure.
+
+    A negative ratio is unsure if the friction beside it brakes: that of a torque with the opposite sign drives.
+    """
     A = np.column_stack([needed, rate, friction_torque(np.ones(len(rate)), rate), np.ones(len(rate))])
     sizes = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     if len(y) <= 2 * A.shape[1] or np.linalg.cond(A / sizes) > WELL_CONDITIONED:
@@ -185,7 +208,9 @@ def _beside_friction(y: Array, needed: Array, rate: Array) -> float | None:
     c = np.linalg.lstsq(A / sizes, y, rcond=None)[0] / sizes
     left = y - A @ c
     variance = float(left @ left) / (len(y) - A.shape[1]) * np.linalg.inv((A / sizes).T @ (A / sizes))[0, 0]
-    return float(c[0]) if np.sqrt(variance) / sizes[0] < SURE_OF_RATIO * abs(c[0]) else None
+    unsure = np.sqrt(variance) / sizes[0] >= SURE_OF_RATIO * abs(c[0])
+    brakes = float(A[:, 1:3] @ c[1:3] @ rate) > BRAKES * float(np.linalg.norm(y) * np.linalg.norm(rate))
+    return None if unsure or (c[0] < 0.0 and brakes) else float(c[0])
 
 
 def _needed(rows: MachineRows, unknowns: MachineUnknowns) -> tuple[Array, Array]:

@@ -96,7 +96,7 @@ def write_mcap(
         from mcap_ros2.writer import Writer
     except ImportError as cause:
         raise MissingExtra("MCAP files need mcap-ros2-support; try pip install 'holdfast[ros]'") from cause
-    serial_chain(chain, "chain")
+    serial_chain(chain, "write_mcap: chain")
     require_run_of(chain, run)
     place, environment = file_path(path, "path"), Environment(chain, base_motion or {})
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -107,6 +108,8 @@ def read_table(path: str | PathLike[str]) -> NamedColumns:
     path = file_path(path, "path")
     readers = {".csv": _read_csv, ".parquet": _read_parquet, ".npz": _read_npz, ".mcap": _read_mcap}
     if path.suffix.lower() not in readers:
+        if not os.path.exists(path):  # Path.exists raises where a name is too long
+            raise ResultError(f"{one_line(str(path), 80)}: no such file or folder")
         raise ResultError(
             f"{one_line(str(path), 80)}: expected a file that ends in {', '.join(readers)}, or a result folder"
         )

@@ -12,7 +12,7 @@ from holdfast.model.closed_chain import ClosedChain
 ANSWERED = (
     "close, project, forward_dynamics, its derivatives, inverse_dynamics, holding_torques, ObjectTracking, distribute,"
     " diagnose, margins, energies, attach, linearise, simulate with pictures and folders, compile, rollouts,"
-    " export_c of forward dynamics"
+    " export_c of forward and inverse dynamics"
 )
 
 

@@ -18,7 +18,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closure import Closure
 from holdfast.model.coupling import Coupling
 from holdfast.model.force_element import WORLD, SpringEnd
-from holdfast.model.grasp import Friction, Grasp, WrenchLimits
+from holdfast.model.grasp import Friction, Grasp, WrenchLimits, contact_frame
 from holdfast.model.held_object import HeldObject
 from holdfast.model.spring import Spring
 from holdfast.model.trunk import Trunk
@@ -40,7 +40,7 @@ from holdfast.state import Inputs
 
 def grasp(data: scene.HoldTable, at: Location, of: str | None = None) -> Grasp:
     """Return a grasp, of an object by name if there are several."""
-    frame = pose(data, at)
+    frame = pose(data, at) if data.into is None else _pointing(data, at)
     contact = limits = None
     if data.contact is not None:
         with (at / "contact").refusals():
@@ -53,6 +53,16 @@ def grasp(data: scene.HoldTable, at: Location, of: str | None = None) -> Grasp:
     motion = None if data.motion is None else np.array(data.motion, dtype=float).T
     with at.refusals():
         return Grasp(data.kind, frame, contact, limits, data.pitch, motion, data.stiffness, data.damping, of)
+
+
+def _pointing(data: scene.HoldTable, at: Location) -> Pose:
+    """Return the contact frame with z along the normal `into` what is held."""
+    if data.quaternion is not None or data.rpy is not None:
+        raise at.refuse("expected one of into, quaternion and rpy, got into and another")
+    if data.into is None or not any(data.into):
+        raise (at / "into").refuse("expected a direction, got a vector of length zero")
+    with at.refusals():
+        return contact_frame(data.position, into=data.into)
 
 
 def grasp_key(data: scene.GraspTable | scene.ReleaseTable) -> str | tuple[str, str]:

@@ -171,12 +171,13 @@ class WrenchLimitsTable(KeyTable):
 
 
 class HoldTable(KeyTable):
-    """A kind of grasp, and its contact frame in the frame of what is held, with z pointing into it."""
+    """A kind of grasp, and its contact frame in the frame of what is held, with z pointing `into` it."""
 
     kind: GraspName
     position: Triple = ZEROS
     quaternion: Quaternion | None = None
     rpy: Triple | None = None
+    into: Triple | None = None
     pitch: float | None = None
     motion: list[Twist] | None = None
     stiffness: list[float | list[float]] | None = None

@@ -61,8 +61,10 @@ def known_link(robot: UrdfRobot, link: str, what: str) -> str:
         SceneError: there is no link with this name.
     """
     if not isinstance(link, str) or link not in robot.links:
-        shown = quoted(link) if isinstance(link, str) else f"a {type(link).__name__}"
-        raise robot.element.refuse(f"{what}: no link {shown}.{hint(str(link), robot.links)}")
+        if not isinstance(link, str):
+            place = "; a pose in the world is mount=" if what == "base" else ""
+            raise robot.element.refuse(f"{what}: expected the name of a link, got a {type(link).__name__}{place}")
+        raise robot.element.refuse(f"{what}: no link {quoted(link)}.{hint(link, robot.links)}")
     return link
 
 
