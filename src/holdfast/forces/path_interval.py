@@ -16,7 +16,6 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import interp1d
 
 from holdfast.forces.limit_rows import Limit
 from holdfast.forces.path_point import NO_COST, PASSED_BETWEEN, PathPoint
@@ -141,6 +140,8 @@ class Interval:
         known = [
             point.wrenches(x[part], *there[k]) for point, part, k in zip(self.imposed, self.parts, IMPOSED, strict=True)
         ]
+        from scipy.interpolate import interp1d  # imported here because it takes half a second
+
         between = interp1d(IMPOSED, known, axis=0)(np.arange(len(self.points)))
         return np.array(
             [point.violation_with(f, *one) for point, f, one in zip(self.points, between, there, strict=True)]

@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 import numpy as np
-from scipy.optimize import brentq
 
 from holdfast.io.typed import Location
 from holdfast.model import checks
@@ -387,5 +386,7 @@ def _extreme(run: Trajectory, rate: Any, after: float) -> State:
     if not len(falling):
         return run.state(len(run.t) - 1)
     k = first + int(falling[0])
+    from scipy.optimize import brentq  # imported here because it takes half a second
+
     at: float = brentq(lambda t: rate(run.state_at(t)), run.t[k], run.t[k + 1], xtol=1e-15)  # pyright: ignore
     return run.state_at(at)

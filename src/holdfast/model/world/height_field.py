@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
@@ -118,5 +117,7 @@ def _coefficients(heights: Array) -> Array:
     count = len(heights)
     bands = np.array([np.full(count, 1.0), np.full(count, 4.0), np.full(count, 1.0)]) / 6.0
     bands[0, 1] = bands[2, -2] = 2.0 / 6.0
+    from scipy.linalg import solve_banded  # imported here because it takes half a second
+
     c = solve_banded((1, 1), bands, heights)
     return np.concatenate([c[1:2], c, c[-2:-1]])
