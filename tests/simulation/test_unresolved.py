@@ -52,6 +52,15 @@ def test_too_high_a_gain(factor, scheme):
 
 
 @pytest.mark.slow
+def test_a_gain_on_the_object():
+    """A law that feeds back the object's motion has no gain of a joint; rounding is none."""
+    rest = hf.control.RestToRest(STATE.object_frame, [0.0, 0.0, 0.05], duration=0.5)
+    law = hf.control.ObjectTracking(CHAIN, rest, 20.0, stiffness=4e6, damping=4e3)
+    said = named(hf.simulate(CHAIN, STATE, law, 20 * H, H))
+    assert re.search(r"slowed down at (\S+) 1/s by its controller: ", said), said
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
 def test_a_gain_that_steps_follow(scheme):
     """Nothing is said, and the velocities are right to a part in a thousand."""

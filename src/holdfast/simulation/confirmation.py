@@ -48,6 +48,7 @@ MOST_REPEATED_PARTS = 16  # largest number of parts in which a failed step is re
 MOST_STEPS_TRIED = 200  # largest number of steps for which a suggested length is tried
 MOST_IN_CONTACT = 200  # steps in all for that, while contacts press: such a step takes tens of milliseconds
 SUGGESTED_HALVINGS = 8
+OWN_GAIN = 0.01  # smallest feedback of a joint's own motion that is named, relative to that of any motion
 
 
 class Window:
@@ -245,6 +246,7 @@ def _cause(window: Window) -> Cause | None:
         decay, i = found[swings], chain.joint_names().index(found[swings].joint)
         of_joint = np.eye(chain.velocity_count)[:, [i]]
         gain = float(feedback(controller, at, of_joint, moved if swings else quicker)[i, 0])
+        gain = gain if gain > OWN_GAIN * np.abs(wholly[swings][i]).max() else 0.0
     except (HoldfastError, np.linalg.LinAlgError):
         return None
     if followed(decay, step, scheme):
@@ -252,7 +254,7 @@ def _cause(window: Window) -> Cause | None:
     turns, size = chain.all_joints[i].turns, float(sizes[swings][i])
     unit = ("N m/rad" if turns else "N/m") if swings else ("N m s/rad" if turns else "N s/m")
     by = "spring" if swings else "damping" if passive.damping[i] > 0.5 * size else "friction"
-    if followed(alone[swings], step, scheme):  # its gain is zero if it feeds back the object
+    if followed(alone[swings], step, scheme):  # its gain is zero if it feeds back the object's motion
         by, size = "controller" + "'s gain" * (gain > 0.0), gain
     how = f"swinging at {decay.rate:.3g} rad/s" if swings else f"slowed down at {decay.rate:.3g} 1/s"
     return Cause(decay, f"{how} by its {by}" + f" of {size:.3g} {unit}" * (size > 0.0))
