@@ -1,4 +1,4 @@
-"""Entries of the distribution of forces: two Pandas that hold a box, beside forward dynamics and Clarabel."""
+"""Entries of the distribution of forces: two Pandas that hold a box, beside forward dynamics and other solvers."""
 
 from __future__ import annotations
 
@@ -23,9 +23,11 @@ from holdfast.questions.arrays import value_of
 from holdfast.spatial.scalar import Array
 
 SYSTEMS = 128
-SOFT_FINGERS = "soft fingers"
+AGREED = 1e-5  # relative difference of costs that are the same
+SOFT_FINGERS, BOXES = "soft fingers", "rigid"  # the second has limits of joints alone: a quadratic programme
 KINDS = {
     SOFT_FINGERS: ("softfinger", hf.Friction(0.8, torsion_radius=0.02), None),
+    BOXES: ("rigid", None, None),
     "rigid, rated": ("rigid", None, hf.WrenchLimits(moment=20.0, force=200.0)),
 }
 STANDS = ("in the world", "on a trunk of 3", "floating", "giving way")  # the last: what is asked may
@@ -80,24 +82,32 @@ def entries(kind: str, stand: str = STANDS[0]) -> Iterator[Timed]:
         out = function(*many, **bases)
         yield Timed(f"{name}, batch", LIBRARY, partial(function, *many, **bases, out=out, threads=1), SYSTEMS)
     if stand == STANDS[0]:
-        yield from by_clarabel(chain, state, one[4])
+        yield from by_others(chain, state, one[4])
 
 
-def by_clarabel(chain: hf.ClosedChain, state: hf.State, acceleration: Array) -> Iterator[Timed]:
-    """Yield Clarabel's solution of the same programme, which is made beforehand, if it is installed."""
+def by_others(chain: hf.ClosedChain, state: hf.State, acceleration: Array) -> Iterator[Timed]:
+    """Yield the installed solvers of the same programme, which is made beforehand: Clarabel, or those without cones."""
     try:
         clarabel: Any = import_module("clarabel")
 
-        from benchmarks.clarabel_peer import arguments
+        from benchmarks.clarabel_peer import arguments, cost, solved
+        from benchmarks.quadratic_peers import solvers
     except ImportError:
         return
     own = {name: value_of(name, chain) for name in DISTRIBUTE.own(chain) if name != "acceleration"}
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), hf.Inputs().shaped(chain))
     made = programme(motion, own | {"acceleration": acceleration})
-    *given, _ = arguments(made.blocks, made.e, float(own["price"]))
+    price = float(own["price"])
+    *given, places = arguments(made.blocks, made.e, price)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     yield Timed("Clarabel, without the map", "Clarabel", lambda: clarabel.DefaultSolver(*given, settings).solve(), 1)
+    if not any(block.cones for block in made.blocks):
+        least = cost(made.blocks, *solved(made.blocks, made.e, price), price)
+        for name, solve in solvers(made.blocks, made.e, price):
+            x = solve()
+            assert abs(cost(made.blocks, [x[place] for place in places], x[-1], price) - least) < AGREED * abs(least)
+            yield Timed(f"{name}, without the map", name, solve, 1)
 
 
 def compare(
