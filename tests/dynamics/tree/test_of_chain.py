@@ -10,6 +10,7 @@ from holdfast.dynamics.tree.forest_dynamics import forest_dynamics
 from holdfast.dynamics.tree.of_chain import chain_graph
 from holdfast.dynamics.tree.order import AddFree, Cross, CrossAll, MeasureLeaf, MeasureLeaves
 from holdfast.dynamics.tree.plan import plan_of
+from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
 from tests.longer import mostly_slow
 from tests.systems.problems import random_problem
 from tests.systems.stored_cases import stored_cases
@@ -74,8 +75,8 @@ def test_an_arm_that_holds_nothing():
 
 def test_plan_of_a_trunk():
     """The root moves inward from the arms' bodies; a short trunk with all arms on its last body is crossed at once."""
-    chain = random_on_trunk(4, 2, floating=True).chain
-    graph = chain_graph(chain)
+    p = random_on_trunk(4, 2, floating=True)
+    graph = chain_graph(p.chain, trunk_at_rest(p.chain, p.state))
     held, trunk = graph.held_object, tuple(graph.trunk)
     (steps,) = plan_of(graph.topology, trunk=trunk).steps
     assert steps[0] == AddFree(held, 0)
