@@ -1,4 +1,4 @@
-"""What machine code finds out about systems between their steps."""
+"""What machine code finds out about systems between their steps, whatever their law."""
 
 from __future__ import annotations
 
@@ -6,20 +6,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from holdfast.compiled.traced_chain import Given
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.constraint import dimensionless_rows
-from holdfast.dynamics.projection import Gap
 from holdfast.dynamics.smallest_forces import replaced_by_smallest
 from holdfast.forces.force_split import constant_split
 from holdfast.forces.margins import margins_of_grasps
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, Shape
 from holdfast.simulation.accounts import SPLIT, Forces, account_shapes, accounts
-from holdfast.simulation.rollout.stage_values import SystemWithStageValues
-from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, carried, stop_code
+from holdfast.simulation.rollout.traced_step import TracedSystem
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -74,15 +69,3 @@ ROWS = "constraint_rows"
 ACCOUNTS = SystemQuestion("accounts", _accounts, lambda chain: account_shapes(chain, bool(_split(chain))), _split)
 SMALLEST_FORCES = SystemQuestion("smallest forces", _smallest, lambda chain: {})  # these and their margins, in place
 CONSTRAINT = SystemQuestion("constraint", _rows, _shape_of_rows)
-
-
-def after_jump(model: StepModel, given: Given) -> dict[str, Array]:
-    """Return the carried arrays at the same instant under torques and inputs that have jumped.
-
-    The law goes on from its memory; the state is not projected.
-    """
-    system = (SystemWithStageValues if model.structure.options.stages else TracedSystem)(model, given)
-    t, closed = system.time(0.0), Gap(0.0, 0.0)
-    kept = system.results(system.evaluate(t, system.state, system.last("memory"), choose=True))
-    code = stop_code(system, kept, closed, closed, passed=0.0)
-    return carried(system, kept, code, np.zeros(4), t, np.zeros(4))

@@ -26,7 +26,7 @@ from holdfast.simulation.accounts import Forces
 from holdfast.simulation.environment import GivenInputs
 from holdfast.simulation.joint_friction import joint_friction
 from holdfast.simulation.rollout import traced_step
-from holdfast.simulation.rollout.between_steps import SMALLEST_FORCES, SystemQuestion, after_jump
+from holdfast.simulation.rollout.between_steps import SMALLEST_FORCES, SystemQuestion
 from holdfast.simulation.rollout.step_code import SERIAL_STEP, StepCode
 from holdfast.simulation.rollout.traced_step import StepModel
 from holdfast.simulation.rollout.user_functions import Motions
@@ -119,7 +119,7 @@ class StepKernel:
     ) -> None:
         """Store what is to be compiled at the first step; `quick` shortens the compilation at the cost of run time."""
         self.chain, self.law, self.motions, self.acting = chain, law, dict(motions or {}), acting
-        self.generic_rank, self.code, self._quick = generic_rank, code, quick
+        self.generic_rank, self.code = generic_rank, code
         self.structure = structure = code.structure(chain, options or Options(), generic_rank)
         self.carried = code.carried(chain, law, structure.options)
         self.externals = externals = code.externals(structure, law, self.carried)
@@ -135,12 +135,6 @@ class StepKernel:
         self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0), "notice": np.array(0.0)}
         self._required = externals.keys() - self.parameters.keys() - self.defaults.keys()
         self._own = Table(externals, self.parameters | self.defaults)
-
-    @cached_property
-    def jump_code(self) -> BatchKernel:
-        """Machine code of `after_jump`, for steps that begin where torques or inputs jump."""
-        of = partial(after_jump, self.model)
-        return batch_kernel(self.computation("after a jump", self.externals, of), self._quick)
 
     def with_new_inputs(self, tableau: Tableau) -> Computation:
         """Return the computation of a step that also evaluates the slope at its start, as its inputs have changed."""
