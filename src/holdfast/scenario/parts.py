@@ -40,7 +40,7 @@ from holdfast.state import Inputs
 
 def grasp(data: scene.HoldTable, at: Location, of: str | None = None) -> Grasp:
     """Return a grasp, of an object by name if there are several."""
-    frame = pose(data, at) if data.into is None else _pointing(data, at)
+    frame = pose(data, at) if data.into is None else _pointing(data, data.into, at)
     contact = limits = None
     if data.contact is not None:
         with (at / "contact").refusals():
@@ -55,14 +55,14 @@ def grasp(data: scene.HoldTable, at: Location, of: str | None = None) -> Grasp:
         return Grasp(data.kind, frame, contact, limits, data.pitch, motion, data.stiffness, data.damping, of)
 
 
-def _pointing(data: scene.HoldTable, at: Location) -> Pose:
+def _pointing(data: scene.HoldTable, into: Sequence[float], at: Location) -> Pose:
     """Return the contact frame with z along the normal `into` what is held."""
     if data.quaternion is not None or data.rpy is not None:
         raise at.refuse("expected one of into, quaternion and rpy, got into and another")
-    if data.into is None or not any(data.into):
+    if not any(into):
         raise (at / "into").refuse("expected a direction, got a vector of length zero")
     with at.refusals():
-        return contact_frame(data.position, into=data.into)
+        return contact_frame(data.position, into=into)
 
 
 def grasp_key(data: scene.GraspTable | scene.ReleaseTable) -> str | tuple[str, str]:

@@ -87,7 +87,7 @@ class CompiledImpulseStepper(ImpulseStepper):
     ) -> None:
         """Take steps in place, see `TakeSteps`; `given` are inputs of the law."""
         systems.set_step_length(h)
-        self.kernels[way].run(systems.arrays, self._inputs(systems.begin, h) | {**(given or {})}, {}, steps)
+        self.kernels[way].run(systems.arrays, {**self._inputs(systems.begin, h), **(given or {})}, {}, steps)
 
     def _inputs(self, begin: Array, step: Array) -> dict[str, Array]:
         """Return the inputs of machine code for steps of given beginnings and lengths [s]."""
