@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
@@ -36,6 +37,16 @@ def by_machine_code(controller: Any, t: float, state: State, memory: Any) -> tup
         return None
     fast = find(controller)
     return None if fast is None else fast(t, state, memory)  # type: ignore[return-value]
+
+
+@contextmanager
+def without_machine_code() -> Iterator[None]:
+    """Within this context, evaluate controllers on floats: a single call is not worth compiling for."""
+    token = machine_code.set(None)
+    try:
+        yield
+    finally:
+        machine_code.reset(token)
 
 
 def require_controller(controller: Any) -> None:

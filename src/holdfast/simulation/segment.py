@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from holdfast.control.controller import Controller
+from holdfast.control.controller import Controller, without_machine_code
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.contact.fixed_modes import ContactModes
@@ -193,7 +193,8 @@ class Segment:
         """
         chain, inputs = self.environment.at(start.t, start.state)
         state = closed_near(chain, start.state, inputs) or start.state
-        return evaluate(self.environment, self.controller, start.t, state, start.memory).result.rank
+        with without_machine_code():
+            return evaluate(self.environment, self.controller, start.t, state, start.memory).result.rank
 
     def too_fast(self, t: float, state: State) -> str | None:
         """Return why explicit steps are too long for the joints; None if they are not."""
