@@ -126,9 +126,11 @@ class SuccessiveSteps:
         assert self._taken is not None
         blank, inputs, jumps, driven = self._taken
         count, anew = len(steps), self._ends.anew
-        memory = self._again.get(count)
+        size = 1 << (count - 1).bit_length()  # memory for few sizes serves all counts; the last point fills it
+        steps, lengths = ([*x, *x[-1:] * (size - count)] for x in (steps, lengths))
+        memory = self._again.get(size)
         if memory is None:
-            memory = self._again[count] = CarriedArrays(self.kernel, 1, count)
+            memory = self._again[size] = CarriedArrays(self.kernel, 1, size)
         for row, k in zip(memory.block[0], steps, strict=True):
             before = self._starts.block[k, 0] if jumps[k] else self._ends.block[k - 1, -1] if k else blank
             row[:anew], row[anew:] = blank[:anew], before[anew:]
@@ -136,7 +138,7 @@ class SuccessiveSteps:
         if driven is not None:
             memory.values[0] = [driven.inside(k, length) for k, length in zip(steps, lengths, strict=True)]
         memory.run(0)
-        return {name: x[0] for name, x in memory.arrays.items()}
+        return {name: x[0, :count] for name, x in memory.arrays.items()}
 
 
 class CarriedArrays:
