@@ -18,7 +18,7 @@ from tests.surface import THEMES
 
 def test_nearest_name():
     """In any case of letters, or all names where none is near."""
-    assert did_you_mean("Gian", ["gain", "mass"]) == " Did you mean 'gain'?"
+    assert did_you_mean("Gian", ["gain", "mass"]) == " Did you mean 'gain'? Known: gain, mass."
     assert did_you_mean("xyz", ["gain", "mass"]) == " Known: gain, mass."
     assert did_you_mean("squeeze", ["size", "internal_force"]) == " Did you mean 'internal_force'?"  # renamed
     assert did_you_mean("squeeze", ["gain"]) == " Known: gain."

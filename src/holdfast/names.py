@@ -17,11 +17,15 @@ from holdfast.errors import CallError, StateError, UnknownName
 
 PLAIN = ("world.py", "plot.py", "errors.py")  # public modules that are one file
 MOST_LISTED = 40  # names in a message that lists what is known
+SURE = 0.8  # similarity of names from which on a suggestion needs no list beside it
 RENAMED = {
     "squeeze": "internal_force",
     "squeeze_span": "internal_force_span",
     "internal": "internal_force",
     "undriven": "passive",
+    **dict.fromkeys(("dt", "timestep", "time_step"), "step"),
+    "rotation": "turn",
+    "margin": "least_margin",
     **{f"{robot.upper()}_HOME": f'HOME["{robot}"]' for robot in ("panda", "iiwa14", "ur5e", "gen3")},
 }
 Class = TypeVar("Class", bound=type)
@@ -29,17 +33,19 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ' Did you mean ...?' with the closest known name in any case, or a list of the known names."""
+    """Return ' Did you mean ...?' with the closest known name in any case, a list of the known ones, or both if unsure."""
     known = list(known)
     if (renamed := RENAMED.get(str(name), "")).partition("[")[0] in known:
         return f" Did you mean '{renamed}'?"
     cases = {each.lower(): each for each in reversed(known)}
-    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
-    near = near or [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=0.8)]
-    if near:
-        return f" Did you mean '{near[0]}'?"
+    for cutoff in (SURE, 0.6 if len(str(name)) > 4 else 0.5):
+        near = difflib.get_close_matches(str(name), known, n=1, cutoff=cutoff)
+        near = near or [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=cutoff)]
+        if near:
+            break
+    hint = f" Did you mean '{near[0]}'?" if near else ""
     more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
-    return f" Known: {', '.join(known[:MOST_LISTED]) or 'none'}{more}."
+    return hint if near and cutoff == SURE else f"{hint} Known: {', '.join(known[:MOST_LISTED]) or 'none'}{more}."
 
 
 def unknown_name(package: str, name: str, known: Iterable[str]) -> UnknownName:
