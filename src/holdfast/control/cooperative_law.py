@@ -13,7 +13,7 @@ from holdfast.control.internal_force import InternalForce
 from holdfast.control.law_parts import CommandedMotion, GraspForces, LawInput, NullMotion
 from holdfast.control.posture_control import PostureControl
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.errors import MethodNotApplicable
+from holdfast.errors import MethodNotApplicable, ModelError
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -22,6 +22,12 @@ from holdfast.model.serial_chain import serial_chain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, concatenate
 from holdfast.state import Inputs, State
+
+EXAMPLES = {
+    "motion": "ObjectImpedance(path, stiffness, damping), or ObjectTracking for a path that is followed stiffly",
+    "forces": "InternalForce(20.0)",
+    "posture": "PostureControl()",
+}
 
 
 def cooperative_law(
@@ -66,7 +72,10 @@ def cooperative_law(
     serial_chain(chain, "cooperative law: chain")
     parts = {"motion": (motion, CommandedMotion), "forces": (forces, GraspForces), "posture": (posture, NullMotion)}
     for name, (part, kind) in parts.items():
-        checks.instance(part, kind, f"cooperative law: {name}")
+        if not isinstance(part, kind):
+            raise ModelError(
+                f"cooperative law: {name}: expected {kind.__name__}, got {type(part).__name__}; try {EXAMPLES[name]}"
+            )
     if not chain.grasps:
         raise MethodNotApplicable("cooperative_law: expected arms that hold the object, got a chain without grasps")
     parameters = {}
