@@ -33,7 +33,7 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ' Did you mean ...?' with the closest known name in any case, a list of the known ones, or both if unsure."""
+    """Return ' Did you mean ...?' with the closest known name in any case, or the known names, or both if unsure."""
     known = list(known)
     if (renamed := RENAMED.get(str(name), "")).partition("[")[0] in known:
         return f" Did you mean '{renamed}'?"

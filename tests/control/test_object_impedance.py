@@ -105,7 +105,7 @@ def test_refused():
         ObjectImpedance(HERE, 1.0, 1.0, 0.0)
     with pytest.raises(ModelError, match="stiffness: expected a symmetric matrix"):
         ObjectImpedance(HERE, np.eye(6) + np.eye(6, k=1), 1.0)
-    with pytest.raises(ModelError, match="cooperative law: motion: expected CommandedMotion, got InternalForce; try ObjectImpedance"):
+    with pytest.raises(ModelError, match="motion: expected CommandedMotion, got InternalForce; try ObjectImpedance"):
         cooperative_law(chain, InternalForce())  # pyright: ignore[reportArgumentType]
     with pytest.raises(ModelError, match=r"internal force: expected a number, \(2,\) or \(2, 6\), got shape \(3,\)"):
         cooperative_law(chain, ObjectImpedance(HERE, 1.0, 1.0), InternalForce([1.0, 2.0, 3.0]))
