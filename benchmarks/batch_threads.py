@@ -7,6 +7,7 @@ those of the pairs. Run it with HOLDFAST_COMPILE unset, on a quiet machine: `pyt
 from __future__ import annotations
 
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -96,4 +97,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     main()

@@ -6,6 +6,7 @@ HOLDFAST_COMPILE unset, on a quiet machine: `python -m benchmarks.call_overhead`
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 
 import numpy as np
@@ -51,4 +52,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     main()

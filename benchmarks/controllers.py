@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import sys
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -108,4 +109,5 @@ def laws_of_arrays(chain: hf.ClosedChain, state: hf.State, track: ObjectTracking
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     main()

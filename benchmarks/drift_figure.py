@@ -10,6 +10,7 @@ time and joint state, asked for at every stage. The gap is always found from joi
 from __future__ import annotations
 
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
@@ -294,4 +295,5 @@ def _settled(run: Run) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     main()

@@ -11,6 +11,7 @@ import statistics
 import subprocess
 import tempfile
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -99,4 +100,5 @@ def main() -> None:
 KINDS = ("object file", "C source, GCC")
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     main()

@@ -7,6 +7,7 @@ unset, on a quiet machine: `python -m benchmarks.force_distribution`.
 from __future__ import annotations
 
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 
 import numpy as np
 
@@ -45,4 +46,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     main()

@@ -6,6 +6,7 @@ Run it with HOLDFAST_COMPILE unset, on a quiet machine: `python benchmarks/jax_c
 from __future__ import annotations
 
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -75,4 +76,5 @@ def of_rollouts(rollout: Any, state: hf.State, tau: np.ndarray) -> None:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     main()

@@ -12,6 +12,7 @@ from __future__ import annotations
 import statistics
 import tempfile
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from typing import Any
 
 import numpy as np
@@ -56,6 +57,7 @@ def compared(name: str, law: Any, chain: hf.ClosedChain, state: hf.State) -> Non
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     chain, state = two_fingers()
     hold, home = hf.holding_torques(chain, state, internal_force=40.0), state.q
     springs = hf.ControlLaw(lambda t, now, memory, given: (hold + 100.0 * (home - now.q) - 10.0 * now.qd, memory))
