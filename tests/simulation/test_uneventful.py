@@ -25,6 +25,7 @@ from holdfast.simulation.trajectory import array_names
 from holdfast.simulation.uneventful import uneventful_steps
 from holdfast.simulation.zero_order_hold import AskedOnce
 from holdfast.spatial import scalar
+from holdfast.world import HalfSpace, Touching
 from tests.longer import mostly_long, mostly_slow
 from tests.simulation.problems import PROBLEMS
 
@@ -107,11 +108,21 @@ def beyond_limits(function: bool = False, **more: Any) -> hf.simulation.Trajecto
     return hf.simulate(weak, state, law, STEPS * STEP, STEP, **more)
 
 
-def tracking(**more: Any) -> hf.simulation.Trajectory:
-    """Simulate arms that move an object; margins of their joints have their lowest minima on the way."""
+def tracking(rise: float = 0.01, table: float | None = None, **more: Any) -> hf.simulation.Trajectory:
+    """Simulate arms that move an object; margins of their joints have their lowest minima on the way.
+
+    Args:
+        rise: how far the object rises [m].
+        table: how far a table is below it at the start [m]; None for none.
+        **more: options of `simulate`.
+    """
     chain, state = facing_pandas()
-    path = hf.control.RestToRest(state.object_frame, [0.0, 0.0, 0.01], duration=STEPS * STEP)
+    path = hf.control.RestToRest(state.object_frame, [0.0, 0.0, rise], duration=STEPS * STEP)
     law = hf.control.ObjectTracking(chain, path, internal_force=40.0)
+    if table is not None:
+        height = float(state.object_frame.p[2]) - table
+        touching = Touching({"foot": [0.0, 0.0, 0.0]}, {"table": HalfSpace(offset=height, friction=0.4)})
+        chain = replace(chain, touching=touching)
     return hf.simulate(chain, state, law, STEPS * STEP, STEP, **more)
 
 
@@ -147,6 +158,8 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
     "recorded violations": (beyond_limits, STEPS // 2),
     "minima of margins": (tracking, STEPS),
     "minima, sampled": (partial(tracking, sample_time=2 * STEP), STEPS),
+    "onto a table": (partial(tracking, -0.01, 0.008), STEPS // 2),
+    "above a table, sampled": (partial(tracking, 0.01, 1e-4, sample_time=2 * STEP), STEPS // 2),
     "a moving base": (of_pandas(base_motion={"left": swaying}), STEPS // 4),
     "flat linkage": (four_bar, 190),
     "platform": (platform, STEPS // 4),
@@ -175,7 +188,13 @@ SOON = [
     "recorded violations",
     "pendulum",
 ]
-LATER = ["sampled, delayed", "minima, sampled", "wrench of state", *(x for x in RUNS if x.startswith("function, "))]
+LATER = [
+    "sampled, delayed",
+    "above a table, sampled",
+    "minima, sampled",
+    "wrench of state",
+    *(x for x in RUNS if x.startswith("function, ")),
+]
 EARLIER = [name for name in RUNS if name not in LATER]
 
 

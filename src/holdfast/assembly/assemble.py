@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -23,10 +23,12 @@ from holdfast.errors import ClosureError, ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import STANDARD_GRAVITY, ClosedChain
+from holdfast.model.force_element import ForceElement
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
 from holdfast.model.serial_chain import serial_chain
 from holdfast.model.trunk import Trunk
+from holdfast.model.world.touching import Touching
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -76,6 +78,8 @@ def assemble(
     mounts: Mapping[str, Any] | None = None,
     base_pose: Any = None,
     posture: Posture | None = None,
+    springs: Sequence[ForceElement] = (),
+    touching: Touching | None = None,
 ) -> Assembly:
     """Return the chain, and the closed state whose arms are nearest to their preferred configurations.
 
@@ -102,15 +106,17 @@ def assemble(
         base_pose: pose of a trunk's floating base, which is not changed; None for the world's origin.
         posture: wished joint positions with weights. The arms, the trunk and, if no pose is given, the object then move
             on from the preferred configurations to where the posture costs least, as in `close`.
+        springs: force elements of the chain, which do not affect the state.
+        touching: what of the object may touch the world, which does not affect the state either.
 
     Raises:
         ModelError: the parts do not fit, or neither grasps nor an object pose are given.
         StateError: preferred positions have a wrong length.
         ClosureError: an arm cannot reach its grasp; the message gives its name, the missing distance and advice.
     """
-    made = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {})
-    serial_chain(made, "assemble")
-    chain = with_slack_bushings(made)
+    whole = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {}, springs, touching=touching)
+    serial_chain(whole, "assemble")
+    chain = replace(with_slack_bushings(whole), springs=(), touching=None)
     given = None if object_pose is None else checks.pose(object_pose, "object_pose")
     if given is None and not chain.grasps:
         raise ModelError("assemble: expected at least one grasp to find the object's pose, got none; try object_pose=")
@@ -123,7 +129,7 @@ def assemble(
         state = _assembled(given, chain, q)
     if posture is not None:
         state = close(chain, state, hold_object=given is not None, hold_trunk=False, hold_base=True, posture=posture)
-    return Assembly(made, state)
+    return Assembly(whole, state)
 
 
 def _assembled(given: Pose | None, chain: ClosedChain, q: Mapping[str, Any] | None) -> State:

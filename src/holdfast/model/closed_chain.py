@@ -227,6 +227,9 @@ class ClosedChain(Frozen):
         rows += [("couplings", str(len(self.all_couplings)), "", "")] if self.all_couplings else []
         if self.springs:
             rows.append(("springs", str(len(self.springs)), "", ""))
+        if self.touching is not None:
+            places = _count(len(self.touching.names), "contact")
+            rows.append(("world", ", ".join(self.touching.world), f"{places} possible", ""))
         return rows
 
     @property

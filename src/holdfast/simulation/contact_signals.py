@@ -8,7 +8,7 @@ it touches again below its gap at the start of the stretch.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -73,6 +73,13 @@ class ContactSignals(Signals):
         """Return all signals at several instants, (instants, signals)."""
         found = [self._of_touch(at.touch) for at in instants if at.touch is not None]
         return np.concatenate([super().of_each(instants), found], axis=1)
+
+    def of_arrays(self, x: Mapping[str, Array]) -> Array:
+        """Return all signals of systems whose contacts are open, (..., signals), from their arrays by name."""
+        margins, gap = super().of_arrays(x), x["touch_gap"]
+        found = np.full((*gap.shape, 4), np.inf)
+        found[..., OPENING] = gap - self.least_gap + GAP_ROUNDING
+        return np.concatenate([margins, found.reshape(*gap.shape[:-1], -1)], axis=-1)
 
     def _of_touch(self, touch: Touch) -> Array:
         """Return the signals of the contacts, (4 k,)."""

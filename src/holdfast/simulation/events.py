@@ -73,6 +73,10 @@ class Occurrence:
     generic_rank: int | None = None
     lost: tuple[str, ...] = ()
 
+    def __str__(self) -> str:
+        """Return the time, the kind and the text."""
+        return f"{self.t:.9g} s, {self.kind}: {self.text}"
+
 
 def ending(stopped: str | None, occurrences: Iterable[Occurrence]) -> str:
     """Return how a run ended: why it stopped, or that it is complete, with steps that were too long or without."""

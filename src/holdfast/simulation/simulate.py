@@ -43,7 +43,7 @@ from holdfast.simulation.mechanism_segment import MechanismSegment, attached_lat
 from holdfast.simulation.mechanism_stepper import MechanismSteppers
 from holdfast.simulation.rollout.compiled_impulses import impulse_stepper_for
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
-from holdfast.simulation.rollout.contact_stages import ContactSteppers
+from holdfast.simulation.rollout.open_contacts import ContactSteppers
 from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
 from holdfast.simulation.run_record import EVERYTHING, Listeners, record_settings, require_memory
 from holdfast.simulation.runge_kutta import scheme as scheme_named
@@ -223,7 +223,7 @@ def simulate(
         require_openable(chain, policy)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends, wanted)
     by_impulses = contacts == IMPULSES_WAY
-    make_contacts = partial(impulse_stepper_for, steps=steps) if by_impulses else ContactSteppers()
+    make_contacts = partial(impulse_stepper_for, steps=steps) if by_impulses else ContactSteppers(steps)
     settings = replace(settings, by_impulses=by_impulses, make_contacts=make_contacts)
     settings = replace(settings, make_segment=MechanismSegment) if forest else settings
 

@@ -11,7 +11,9 @@ from holdfast.simulation import simulate as simulated
 from holdfast.simulation.contact_stepper import ContactStepper
 from holdfast.simulation.impulse_stepper import ImpulseStepper
 from holdfast.simulation.rollout import compiled_impulses
-from holdfast.simulation.rollout.contact_stages import ContactSteppers, StagewiseContactStepper
+from holdfast.simulation.rollout.contact_stages import StagewiseContactStepper
+from holdfast.simulation.rollout.open_contacts import ContactSteppers, OpenContactStepper
+from holdfast.simulation.trajectory import array_names
 from holdfast.world import HalfSpace, Touching, corners
 from tests.control.two_pandas import two_pandas
 from tests.systems.stored_cases import stored_cases
@@ -35,7 +37,7 @@ def test_as_the_reference(monkeypatch, gap):
     """At rest on the table, and across an impact: samples and log agree to 1e-9 of what they are."""
     chain, state, law = lowering(gap)
     fast = hf.simulate(chain, state, law, 0.01, 0.0025, contacts="events")
-    monkeypatch.setattr(simulated, "ContactSteppers", lambda: ContactStepper)
+    monkeypatch.setattr(simulated, "ContactSteppers", lambda steps: ContactStepper)
     true = hf.simulate(chain, state, law, 0.01, 0.0025, contacts="events")
     assert [(one.kind, one.name) for one in fast.occurrences] == [(one.kind, one.name) for one in true.occurrences]
     assert np.abs(fast.t - true.t).max() < 1e-12 and fast.stopped is true.stopped is None
@@ -47,17 +49,40 @@ def test_as_the_reference(monkeypatch, gap):
 
 
 @pytest.mark.slow
+def test_whole_steps_while_contacts_are_open(monkeypatch):
+    """Until a box lands, whole steps give the samples of the stages and the same landing; after it, stages follow."""
+    chain, state, law = lowering(2e-4)
+    tau = law(0.0, state, None)[0]
+    traced = hf.ControlLaw(lambda t, now, memory, given: (tau - 0.5 * now.qd, memory))
+    fast = hf.simulate(chain, state, traced, 0.04, 1e-3)
+    monkeypatch.setattr(simulated, "ContactSteppers", lambda steps: ContactSteppers(1))
+    monkeypatch.setattr(OpenContactStepper, "take", None)
+    true = hf.simulate(chain, state, traced, 0.04, 1e-3)
+    assert [(one.kind, one.name) for one in fast.occurrences] == [(one.kind, one.name) for one in true.occurrences]
+    assert fast.occurrences[0].kind == "touch" and 0.01 < fast.occurrences[0].t < 0.03
+    for one, other in zip(fast.occurrences, true.occurrences, strict=True):
+        assert abs(one.t - other.t) < 1e-9
+    before = fast.t < fast.occurrences[0].t
+    for name in array_names():
+        a, b = (np.asarray(getattr(run, name)) for run in (fast, true))
+        assert a.shape == b.shape, name
+        if name != "lowest_joint" and not name.endswith("_time"):  # both arms have the same margins; some stay the same
+            np.testing.assert_allclose(a[before], b[before], rtol=1e-11, atol=1e-11, err_msg=name)
+            np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-8, err_msg=name)
+
+
+@pytest.mark.slow
 def test_which_chains():
     """Machine code takes chains with independent grasps that stand still; the reference takes the others."""
     chain, state, law = lowering(0.0)
-    made, steppers = [], ContactSteppers()
+    made, steppers = [], ContactSteppers(1)
 
     def noting(*of):
         made.append(steppers(*of))
         return made[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(simulated, "ContactSteppers", lambda: noting)
+        patch.setattr(simulated, "ContactSteppers", lambda steps: noting)
         hf.simulate(chain, state, law, 0.002, 0.002)
         assert isinstance(made[-1], StagewiseContactStepper)
         free = hf.ClosedChain({}, chain.held_object, {}, touching=chain.touching)

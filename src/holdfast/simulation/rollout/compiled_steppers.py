@@ -328,11 +328,10 @@ def stepper_for(
         StateError: the law has parameters, which cannot be given in a run.
         CompileError: the law cannot be traced.
     """
-    few = steps * (COST_OF_VERIFICATION if len(Signals(environment.chain).limited) else 1) < STEPS_WORTH_COMPILING
     acting = acting_at_first(environment)
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
     chain = environment.chain
-    if chain.touching is not None or (few and not scheme.adaptive):
+    if chain.touching is not None or not (scheme.adaptive or worth_compiling(chain, steps)):
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
     law, values = law_of(controller, chain), getattr(controller, "values", {})
     motions, constant = environment.base_motion.values(), isinstance(environment.inputs, Inputs)
@@ -345,6 +344,11 @@ def stepper_for(
     if on_links or _moves_trunk_base(environment, acting):  # stagewise steps do not support this
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
     return StagewiseStepper(environment, controller, generic_rank, scheme, tolerance, law)
+
+
+def worth_compiling(chain: ClosedChain, steps: int) -> bool:
+    """Return whether a run takes so many steps that it is worthwhile to compile one."""
+    return steps * (COST_OF_VERIFICATION if len(Signals(chain).limited) else 1) >= STEPS_WORTH_COMPILING
 
 
 def acting_at_first(environment: Environment) -> Inputs:

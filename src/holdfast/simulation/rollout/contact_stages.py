@@ -7,6 +7,7 @@ forces of the closed contacts, and takes the stage again with them, all ends of 
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,28 +23,22 @@ from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced, unit_pose
 from holdfast.compiler.kernel import Bound, Kernel
 from holdfast.compiler.schedule import External
-from holdfast.control.controller import Controller
-from holdfast.control.traced_law import law_of
 from holdfast.dynamics.contact.fixed_modes import ContactModes, RestResponses, Touch, on_contacts, touch_with
 from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.projection import Change, Gap
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.checkpoint import Origin
-from holdfast.simulation.contact_stepper import TOUCH_WRENCH, ContactStepper
-from holdfast.simulation.environment import Environment
+from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.between_steps import ACCOUNTS
 from holdfast.simulation.rollout.compiled_steppers import StagewiseStepper
 from holdfast.simulation.rollout.fused_stepper import systems_at
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.rows import StageInputs, instant_of, late, slope_at
-from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import EvaluationRequest, Gaps, ProjectionRequest, StageRequest
-from holdfast.simulation.stepper import Stepper
 from holdfast.spatial.frozen import NOT_GIVEN, changed
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import State
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +77,18 @@ class CompiledResponses(RestResponses):
         mu, e = (np.array([getattr(one, name) for one in shapes]) for name in ("friction", "restitution"))
         gap, C, drift, carried, point, axes = (of.arrays[name].copy() for name in ContactRows._fields[:6])
         return ContactRows(gap, C, drift, carried, point, axes, mu, e)
+
+    def gaps_of(self, pose: Array, twist: Array) -> Array:
+        """Return the contacts' gaps (..., k) of objects with poses (..., 7) and twists (..., 6), as in `rows`."""
+        code = _rows_kernel(self.touched)
+        lead = pose.shape[:-1]
+        count = math.prod(lead)
+        given = {"object_pose": pose, "object_twist": twist}
+        arrays = {name: np.ascontiguousarray(x).reshape(count, -1) for name, x in given.items()}
+        outputs = {name: one.shape for name, one in code.externals.items() if name not in given}
+        arrays |= {name: np.empty((count, *shape)) for name, shape in outputs.items()}
+        code.run_arrays(arrays, count, threads=1)
+        return arrays["gap"].reshape(*lead, -1)
 
     def gaps(self, state: State) -> Gap:
         """Return the largest position and velocity residuals of any grasp."""
@@ -231,57 +238,3 @@ def _late(found: Systems, row: int, at: StageInputs, touch: Touch) -> Instant:
 def responses_of(chain: ClosedChain) -> CompiledResponses:
     """Return the responses of a chain at rest by machine code."""
     return CompiledResponses(changed(chain, touching=None), touched=chain)
-
-
-class ContactSteppers:
-    """Makes the steppers of a run in fixed modes; see `MakeContactStepper`. Stretches in machine code share theirs."""
-
-    def __init__(self) -> None:
-        """Begin without a stepper."""
-        self._last: StagewiseContactStepper | None = None
-
-    def __call__(
-        self,
-        environment: Environment,
-        controller: Controller,
-        generic_rank: int,
-        scheme: Tableau,
-        tolerance: Tolerance,
-        modes: ContactModes,
-    ) -> Stepper:
-        """Return the most suitable stepper for a stretch; the results of all steppers agree up to rounding.
-
-        Machine code takes chains whose grasps are independent, that stand still, and in which nothing is elastic.
-        """
-        of = environment, controller, generic_rank, scheme, tolerance
-        independent = generic_rank == environment.chain.constraint_row_count
-        if modes.hands or not independent or not _in_machine_code(environment, scheme):
-            return ContactStepper(*of, modes)
-        last = self._last
-        if last is not None and all(x is y for x, y in zip(of, (getattr(last, name) for name in _SHARED), strict=True)):
-            made = replace(last, modes=modes)
-            vars(made)["kernel"] = last.kernel
-        else:
-            law = law_of(controller, environment.chain)
-            made = StagewiseContactStepper(*of, law, modes, responses_of(environment.chain))
-        self._last = made
-        return made
-
-
-_SHARED = ("environment", "controller", "generic_rank", "scheme", "tolerance")
-
-
-def _in_machine_code(environment: Environment, scheme: Tableau) -> bool:
-    chain, inputs = environment.chain, environment.inputs
-    elastic = chain.springs or chain.bushings or any(joint.stiffness for joint in chain.all_joints)
-    plain = isinstance(inputs, Inputs) and all(x is None for name, x in vars(inputs).items() if name != "object_wrench")
-    left_out = (
-        chain.touching is None
-        or chain.touching.without_machine_code
-        or chain.floats
-        or elastic
-        or scheme.implicit
-        or not plain
-        or environment.base_motion
-    )
-    return not left_out
