@@ -10,7 +10,7 @@ Then the same of forward dynamics of two Pandas whose box stands on a table, wit
 warm are three of Newton's steps. At last the time of a step of a rollout with these contacts, for each of 512 systems
 with slightly different torques, after they have landed, beside that of the midpoint rule without contacts; and the
 processor time of a step of `simulate` while two Pandas lay a box flat on a table, of its sample, and how many steps the
-reference takes. `--runs` prints this alone.
+reference takes; and that of a step by events while no contact is closed. `--runs` prints these alone.
 """
 
 from __future__ import annotations
@@ -211,6 +211,13 @@ def of_runs() -> None:
             print(
                 f"simulate, {doing}: {step:.1f} ms a step, {one:.2f} ms of it its sample; {len(taken)} by the reference"
             )
+    spent: dict[int, list[float]] = {150: [], 50: []}
+    for _ in range(8):  # the first compiles
+        for steps, all_of in spent.items():
+            begin = time.process_time()
+            hf.simulate(chain, state, law, steps * 1e-3, 1e-3, contacts="events")
+            all_of.append(1e3 * (time.process_time() - begin))
+    print(f"simulate by events, above the table: {(min(spent[150]) - min(spent[50])) / 100:.2f} ms a step")
 
 
 def start_of(one: Drawn) -> Array:

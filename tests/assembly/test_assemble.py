@@ -12,6 +12,7 @@ from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.robots import HOME, ROBOTS, stewart_platform, three_finger_hand
 from holdfast.spatial import rotation
+from holdfast.world import HalfSpace, Touching, corners
 from tests.control.two_pandas import ELBOW_UP, LEFT, RIGHT
 from tests.longer import mostly_slow
 from tests.systems.problems import largest_gaps
@@ -138,6 +139,17 @@ def test_an_arm_that_holds_nothing():
     assembly = assemble(arms, box, {"left": grasps["left"]}, object_pose=[1, 0, 0, 0, 0, 0, 0.6])
     assert assembly.state.q[6:] == pytest.approx(HOME["ur5e"])
     assert "right: holds nothing" in str(assembly.report)
+
+
+def test_what_acts_on_the_object():
+    """Springs and what may touch the world belong to the chain, and the state is the same without them."""
+    world = Touching(corners(0.3, 0.2, 0.2), {"table": HalfSpace(offset=0.1)})
+    spring = hf.Spring(("world", np.zeros(3)), ("object", np.zeros(3)), 100.0)
+    chain, state = assemble(*facing("ur5e"), object_pose=[1, 0, 0, 0, 0, 0, 0.6], springs=[spring], touching=world)
+    assert chain.touching is world and len(chain.springs) == 1
+    assert "world: table, 8 contacts possible" in repr(chain)
+    plain = assemble(*facing("ur5e"), object_pose=[1, 0, 0, 0, 0, 0, 0.6]).state
+    assert np.array_equal(plain.q, state.q)
 
 
 def test_report():
