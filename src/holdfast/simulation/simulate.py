@@ -40,10 +40,10 @@ from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.hand_events import SLIDE, require_slidable
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.mechanism_segment import MechanismSegment, attached_later, require_openable
-from holdfast.simulation.mechanism_stepper import MechanismSteppers
 from holdfast.simulation.rollout.compiled_impulses import impulse_stepper_for
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
 from holdfast.simulation.rollout.contact_stages import ContactSteppers
+from holdfast.simulation.rollout.mechanism_steppers import MechanismSteppers
 from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
 from holdfast.simulation.run_record import EVERYTHING, Listeners, record_settings, require_memory
 from holdfast.simulation.runge_kutta import scheme as scheme_named
@@ -217,7 +217,7 @@ def simulate(
     if policy.on_limit == "clip":
         driver = clipped(driver, chain)
     acting = given_law(driver, parameters)
-    if isinstance(acting, GivenLaw) and not forest:
+    if isinstance(acting, GivenLaw):
         require_function(acting.law, chain)
     if forest:
         require_openable(chain, policy)
