@@ -104,8 +104,9 @@ def simulate(
 
     A chain with branches, loops, couplings or several objects is simulated by the same schemes but "imex", with bases
     that stand. The margins of its joints, grasps and loops, by the smallest forces if these are not unique, are
-    evaluated inside steps on interpolated instants first, and by shorter steps, as those of serial chains, where a
-    violation may begin or end. Singular configurations end a run only where no accelerations exist.
+    evaluated inside steps as those of serial chains; where a controller is called at every stage, or wrenches are a
+    function, first on interpolated instants, and by shorter steps where a violation may begin or end. Singular
+    configurations end a run only where no accelerations exist.
 
     Args:
         chain: arms, object and grasps.
