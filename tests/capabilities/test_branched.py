@@ -23,7 +23,7 @@ ANSWERED = {
     "dynamics.closure", "dynamics.kinetic_energy", "dynamics.link_poses", "dynamics.momentum",
     "dynamics.momentum_rate", "dynamics.potential_energy", "dynamics.power", "dynamics.release",
     "forces.distribute", "forces.grasp_margins", "forces.joint_margins", "forces.least_peak",
-    "forces.lift_margin", "forward_dynamics", "forward_dynamics_jacobian", "forward_dynamics_jvp",
+    "forces.lift_margin", "forces.split", "forward_dynamics", "forward_dynamics_jacobian", "forward_dynamics_jvp",
     "forward_dynamics_vjp", "holding_torques", "inverse_dynamics", "linearise", "plot.playback_of_run",
     "plot.save_plots", "project", "simulate", "sweep",
 }  # fmt: skip
@@ -77,6 +77,7 @@ BESIDE = {
     "forward_dynamics_jvp": {"along": {"tau": np.ones(16)}},
     "forward_dynamics_vjp": {"qdd": np.ones(16)},
     "forces.grasp_margins": {"grasp_wrench": np.zeros((3, 6))},
+    "forces.split": {"grasp_wrench": np.zeros((3, 6))},
     "plot.playback_of_run": {"run": short_run()},
     "plot.save_plots": {"run": short_run(), "folder": tempfile.mkdtemp()},
     "simulate": {"duration": 2e-3, "step": 1e-3, "controller": lambda t, state, memory: (np.zeros(16), memory)},

@@ -21,13 +21,13 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER
 from holdfast.simulation.run import FEWEST_TOGETHER, Pace
 from holdfast.simulation.stepper import ReferenceStepper
-from holdfast.simulation.trajectory import array_names
 from holdfast.simulation.uneventful import uneventful_steps
 from holdfast.simulation.zero_order_hold import AskedOnce
 from holdfast.spatial import scalar
 from holdfast.world import HalfSpace, Touching
 from tests.longer import mostly_long, mostly_slow
 from tests.simulation.problems import PROBLEMS
+from tests.systems.branched import branched_problems, swinging
 
 STEP, STEPS = 1e-3, 80
 RUBBER = hf.Friction(mu=0.8, torsion_radius=0.02)
@@ -146,6 +146,24 @@ def pendulum(**more: Any) -> hf.simulation.Trajectory:
     return hf.simulate(chain, hf.State([], [], hf.Pose.from_rpy(0.5, 0, 0)), none, STEPS * STEP, STEP, **more)
 
 
+def branched(name: str, chain: Any = None, **options: Any) -> Callable[[], Any]:
+    """Return what simulates a chain with branches under a law."""
+
+    def run(**more: Any) -> hf.simulation.Trajectory:
+        whole, state, tau = branched_problems()[name]
+        law = swinging(tau)
+        return hf.simulate(whole if chain is None else chain(), state, law, STEPS * STEP, STEP, **options, **more)
+
+    return run
+
+
+def slippery() -> hf.ClosedChain:
+    """Return arms with grippers, one of which holds the box by friction that does not suffice."""
+    chain, key = branched_problems()["grippers"].chain, ("arm2", "link6")
+    contact = hf.Friction(0.5, torsion_radius=0.02)
+    return replace(chain, grasps={**chain.grasps, key: replace(chain.grasps[key], contact=contact)})
+
+
 RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and how many samples at least are together
     "rigid": (of_pandas(), STEPS // 2),
     "soft fingers": (of_pandas("softfinger", RUBBER), STEPS // 2),
@@ -180,6 +198,13 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
         of_pandas(base_motion={"left": swaying}, inputs=wind, breakpoints=[0.02, 0.0305]),
         STEPS // 4,
     ),
+    "branches": (branched("palletiser"), STEPS),
+    "branches, sampled, delayed": (branched("palletiser", sample_time=2 * STEP, delay=0.5 * STEP), STEPS // 2),
+    "branches, breakpoints": (branched("palletiser", scheme="midpoint", breakpoints=[0.02, 0.0305]), STEPS // 4),
+    "branches, little drift": (branched("palletiser", largest_drift=1e-13), STEPS // 4),
+    "branches, a floating base": (branched("on a shoulder"), STEPS // 2),
+    "branches, recorded violations": (branched("grippers", slippery, on_slip="record"), STEPS // 2),
+    "branches, an arm lets go": (branched("grippers", slippery, on_slip="release"), STEPS // 2),
 }
 
 
@@ -195,6 +220,7 @@ LATER = [
     "wrench of state",
     *(x for x in RUNS if x.startswith("function, ")),
 ]
+LATER += ["branches, recorded violations", "branches, an arm lets go"]
 EARLIER = [name for name in RUNS if name not in LATER]
 
 
@@ -225,7 +251,8 @@ def test_same_bits(name, monkeypatch):
     assert sum(counts) >= least
     assert mine.stopped == theirs.stopped
     assert mine.occurrences == theirs.occurrences
-    for array in array_names():
+    assert mine.recorded == theirs.recorded
+    for array in mine.recorded:
         assert getattr(mine, array).tobytes() == getattr(theirs, array).tobytes(), array
     for a, b in zip(kept[True], kept[False], strict=True):
         (x, data), (y, other) = a.to_data(), b.to_data()

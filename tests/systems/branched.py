@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import holdfast as hf
+from holdfast.spatial import scalar
 
 FINGERS = ("finger1", "finger2")
 
@@ -86,6 +87,16 @@ def moving(chain: hf.ClosedChain, near: hf.State, seed: int = 0, speed: float = 
     )
     driven = np.concatenate([[joint.actuated] * joint.type.freedoms for joint in chain.all_joints])
     return Branched(chain, hf.close(chain, guess), driven * random.normal(size=chain.joint_count))
+
+
+def swinging(tau: np.ndarray) -> hf.ControlLaw:
+    """Return a law with torques that swing about given ones; driven joints are damped."""
+    driven = (np.abs(tau) > 0.0).astype(float)
+
+    def torque(t: Any, now: Any, memory: Any, given: Any) -> Any:
+        return tau * (1.0 + 0.3 * scalar.sin(40.0 * t)) - 0.5 * driven * now.qd, memory
+
+    return hf.ControlLaw(torque)
 
 
 def palletiser(base: hf.Pose | None = None) -> Branched:

@@ -85,20 +85,34 @@ class CompiledForestEngine:
 
     def account(self, given: ForestArguments, now: ForestInstant) -> ForestAccount:
         """See `ForestEngine`."""
-        if not now.unique and self._costly:
+        if not now.unique and self.costly:
             return self._reference.account(given, self._reference.instant(given))
-        forces = {name: getattr(now, name) for name in _FORCES}
-        if now.unique:
-            x = self._account(q=given.q, qd=given.qd)
-        else:
-            x = self._account_of_smallest(q=given.q, qd=given.qd, **forces)
-            forces = {name: x[f"least_{name}"].copy() for name in _FORCES}
-        numbers: dict[str, Any] = {name: float(x[name]) for name in _ACCOUNT}
-        return ForestAccount(**forces, **numbers)
+        forces = {name: getattr(now, name)[None] for name in _FORCES}
+        x = self.accounts(given.q[None], given.qd[None], now.unique, **forces)
+        numbers: dict[str, Any] = {name: float(x[name][0]) for name in _ACCOUNT}
+        return ForestAccount(**{name: x[name][0] for name in _FORCES}, **numbers)
+
+    def accounts(
+        self, q: Array, qd: Array, unique: bool, closure_wrench: Array, coupling_force: Array
+    ) -> dict[str, Array]:
+        """Return the entries of the accounts of k instants, (k, ...) each, if they are not too `costly`.
+
+        Args:
+            q: (k, n_q) positions.
+            qd: (k, n_v) rates.
+            unique: whether forces are unique.
+            closure_wrench: (k, closures, 6) wrenches of the closures.
+            coupling_force: (k, couplings) forces of the couplings.
+        """
+        forces = dict(zip(_FORCES, (closure_wrench, coupling_force), strict=True))
+        if unique:
+            return {**self._account.of_each(len(q), q=q, qd=qd), **forces}
+        x = self._account_of_smallest.of_each(len(q), q=q, qd=qd, **forces)
+        return {name.removeprefix("least_"): found for name, found in x.items()}
 
     def margins(self, x: Array, rates: Array, tau: Array, wrenches: Array) -> Array | None:
         """See `ForestEngine`."""
-        if self.rank is None or (self.rank < self.forest.constraint_row_count and self._costly):
+        if self.rank is None or (self.rank < self.forest.constraint_row_count and self.costly):
             return None
         contacts = np.array([contact_of(closure.grasp) for closure in self.forest.closures])
         found = self._margins.of_each(len(x), q=x, rates=rates, tau=tau, link_wrench=wrenches, contact=contacts)
@@ -129,7 +143,7 @@ class CompiledForestEngine:
         return InverseAt(terms, loads, carrying, nearest)
 
     @property
-    def _costly(self) -> bool:
+    def costly(self) -> bool:
         """Whether machine code of the smallest forces would be too long."""
         forest = self.forest
         return 4 * (self.rank or 0) * forest.velocity_count * forest.constraint_row_count > LONGEST_FORCES

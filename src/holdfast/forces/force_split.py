@@ -11,22 +11,28 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.contact_places import ContactPlace, contact_places
-from holdfast.errors import StateError
+from holdfast.dynamics.tree.mechanism_terms import mechanism_arguments
+from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.force_element import HELD_OBJECT
 from holdfast.model.grasp import Grasp
+from holdfast.model.serial_chain import answered_as_forest
 from holdfast.spatial.frozen import read_only
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, sqrt, where
 from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift, unrotate
 from holdfast.spatial.vector import dot
-from holdfast.state import State, require_fit
+from holdfast.state import State, require_fit, require_state
 
 SMALLEST_FORCE = 1e-9  # net forces below this, relative to the sum of the grasp forces, have no load shares
 
 
 class Split(NamedTuple):
-    """The two parts of grasp wrenches, with one row per arm, in world axes about the contacts.
+    """The two parts of the wrenches on an object, with one row per arm, in world axes about the contacts.
+
+    Those of a chain with branches, loops, couplings or several objects have one row per grasp and per loop, zero for
+    what does not touch the object.
 
     Attributes:
         motion: (arms, 6) the smallest wrenches with the same effect on the object, in the
@@ -44,26 +50,36 @@ class Split(NamedTuple):
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
-def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: float | None = None) -> Split:
-    """Return the motion and internal parts of grasp wrenches, both of which are transmissible. O(l^3).
+def split(
+    chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: float | None = None, *, of: str | None = None
+) -> Split:
+    """Return the motion and internal parts of the wrenches on an object, both of which are transmissible. O(l^3).
 
-    A bushing is treated as a grasp that transmits all components.
+    A bushing is treated as a grasp that transmits all components. Of a chain with branches, loops, couplings or several
+    objects, grasps and loops that touch the object count, those between two objects for each of them. O(bodies) more.
 
     Args:
         chain: the chain.
         state: state with the object's pose.
-        grasp_wrench: (arms, 6) as in `ForwardResult`.
+        grasp_wrench: (arms, 6) as in `ForwardResult`; of a chain with branches, (grasps and loops, 6), as in
+            `MechanismResult`.
         length: L of the metric [m]; by default the rms distance of the contacts from their centroid.
+        of: the name of the object; by default the held one, or the only one.
 
     Raises:
         StateError: a shape is wrong.
+        ModelError: there is no such object.
     """
-    require_fit(chain, state)
-    f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
-    places = [_as_rigid(place) for place in contact_places(chain, state)]
+    name, forest = _object(chain, of), answered_as_forest(chain)
+    (require_state if forest else require_fit)(chain, state)
+    count = len(chain.as_forest.closures) if forest else len(chain.arms)
+    given = checks.numbers(grasp_wrench, (count, 6), "grasp_wrench", StateError)
+    touching = _touching(chain, state, name) if forest else _held(chain, state)
+    f, rows, places = np.zeros_like(given), [*touching], [_as_rigid(place) for place, _ in touching.values()]
+    for i, (_, sign) in touching.items():
+        f[i] = sign * given[i]
     offsets = [place.offset for place in places]
     L = length_scale(offsets) if length is None else checks.number(length, "length", above=0.0)
-    rows = [chain.names.index(name) for name in chain.grasps]
     motion, internal = np.zeros_like(f), np.zeros_like(f)
     if rows:
         net = sum((shift_wrench(o, f[i]) for i, o in zip(rows, offsets, strict=True)), start=np.zeros(6))
@@ -119,6 +135,34 @@ def parts_by(common: Array, chain: ClosedChain, state: State, grasp_wrench: Arra
     vanishes = sqrt(square) <= SMALLEST_FORCE * maximum(total, 1.0)
     size = where(vanishes, 1.0, square)
     return array(internal), array([where(vanishes, 0.0, dot(force, net) / size) for force in forces])
+
+
+def _object(chain: ClosedChain, of: str | None) -> str:
+    """Return the name of an object: a given one, the held one, or the only one."""
+    known = chain.free_objects
+    name = next(iter(known), None) if of is None and (len(known) == 1 or HELD_OBJECT in known) else of
+    if name is not None and name in known:
+        return name
+    hint = checks.did_you_mean(name, known) if name is not None else ""
+    raise ModelError(f"split: of: expected one of the objects {', '.join(known) or '(none)'}, got {name!r}.{hint}")
+
+
+def _held(chain: ClosedChain, state: State) -> dict[int, tuple[ContactPlace, float]]:
+    """Return the grasps of serial arms by row, and 1, the sign of their wrenches on the object."""
+    rows = [chain.names.index(name) for name in chain.grasps]
+    return {row: (place, 1.0) for row, place in zip(rows, contact_places(chain, state), strict=True)}
+
+
+def _touching(chain: ClosedChain, state: State, name: str) -> dict[int, tuple[ContactPlace, float]]:
+    """Return the grasps and loops at an object by row, and the sign of their wrenches, of body a on b, on it."""
+    found = chain.as_forest
+    body, motion = found.objects[name], mechanism_arguments(chain, state).motion({})
+    places = {}
+    for i, (own, at) in enumerate(zip(found.forest.closures, motion.closures, strict=True)):
+        for other, offset, sign in ((own.b, at.l_b, 1.0), (own.a, at.l_a, -1.0)):
+            if other == body:
+                places[i] = ContactPlace(own.grasp, at.contact.R, offset), sign
+    return places
 
 
 def _as_rigid(place: ContactPlace) -> ContactPlace:

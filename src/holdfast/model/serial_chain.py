@@ -11,7 +11,7 @@ from holdfast.model.closed_chain import ClosedChain
 # what such chains can be asked
 ANSWERED = (
     "close, project, forward_dynamics, its derivatives, inverse_dynamics, holding_torques, ObjectTracking, distribute,"
-    " diagnose, margins, energies, attach, linearise, simulate with pictures and folders, compile, rollouts,"
+    " diagnose, margins, split, energies, attach, linearise, simulate with pictures and folders, compile, rollouts,"
     " export_c of forward and inverse dynamics"
 )
 

@@ -95,6 +95,10 @@ class Signals:
         of_joints = margins_of_joints(self.joint_limits, x["q"], x["qd"], x["drive"])
         return np.concatenate([grasps, *of_joints], axis=-1)
 
+    def undecided(self, x: Mapping[str, Array]) -> Array | bool:
+        """Return of which systems `of_each` alone finds the margins, (...)."""
+        return self.grasps_limited and x["rank"] != self.chain.constraint_row_count
+
     def _of_grasps(self, at: Instant) -> Array:
         """Return the margins of the grasps by arm, (arms,)."""
         given = at.grasp_margins

@@ -14,8 +14,9 @@ import numpy as np
 from holdfast.forces.margins import conditions, joint_coordinates, margin_of_row, margins_of_joints
 from holdfast.forces.row_wrenches import contact_wrenches
 from holdfast.model.grasp_rows import GraspRow, grasp_rows
-from holdfast.simulation.instant import Instant
+from holdfast.simulation.instant import Instant, LateInstant
 from holdfast.simulation.margins import JOINT_QUANTITIES, Quantity, Signals, freedom_names, giving_way
+from holdfast.simulation.mechanism_moment import MechanismMoment
 from holdfast.spatial.scalar import Array
 
 
@@ -69,28 +70,55 @@ class MechanismSignals(Signals):
     def of_each(self, instants: Sequence[Instant]) -> Array:
         """Return all margins at several instants, (instants, rows + 3 n). O(rows + n), O(bodies) with limited loops."""
         q, qd, tau = (np.array(of_joints) for of_joints in zip(*(at.joints for at in instants), strict=True))
-        margins = [[margin_of_row(self.limited_rows[i], f) for i, f in self._wrenches(at).items()] for at in instants]
-        found = np.array(margins).reshape(len(instants), -1)
-        return self.of_arrays({"q": joint_coordinates(self.chain, q), "qd": qd, "drive": tau, "margin": found})
+        found = np.array([self._of_rows(at) for at in instants]).reshape(len(instants), -1)
+        return self.of_coordinates(joint_coordinates(self.chain, q), qd, tau, found)
 
     def of_arrays(self, x: Mapping[str, Array]) -> Array:
-        """Return all margins of several systems, (k, rows + 3 n), from coordinates of joints and rows with limits."""
-        grasps = np.full((len(x["q"]), len(self.rows)), np.inf)
-        grasps[:, [*self.limited_rows]] = x["margin"]
-        of_joints = margins_of_joints(self.joint_limits, x["q"], x["qd"], x["drive"])
-        return np.concatenate([grasps, *of_joints], axis=1)
+        """Return all margins of systems, (..., rows + 3 n), from their arrays by name."""
+        none = np.zeros((*x["q"].shape[:-1], 0))
+        found = x["margin"][..., self.limited_closures] if self.limited_rows else none
+        return self.of_coordinates(joint_coordinates(self.chain, x["q"]), x["qd"], x["drive"], found)
 
-    def wrenches(self, at: Instant) -> Array:
-        """Return the wrenches of the run's grasps and loops, (rows, 6); zero where none is closed."""
-        found = np.zeros((len(self.rows), 6))
+    def of_coordinates(self, q: Array, qd: Array, tau: Array, of_rows: Array) -> Array:
+        """Return all margins of systems, (..., rows + 3 n).
+
+        Args:
+            q: (..., n) coordinates of the joints.
+            qd: (..., n) their rates.
+            tau: (..., n) torques.
+            of_rows: (..., limited rows) margins of the rows with limits.
+        """
+        grasps = np.full((*q.shape[:-1], len(self.rows)), np.inf)
+        grasps[..., [*self.limited_rows]] = of_rows
+        return np.concatenate([grasps, *margins_of_joints(self.joint_limits, q, qd, tau)], axis=-1)
+
+    def undecided(self, x: Mapping[str, Array]) -> bool:
+        """Return False: machine code finds the margins of the smallest forces, too."""
+        return False
+
+    @cached_property
+    def limited_closures(self) -> list[int]:
+        """The closures of the rows with limits."""
+        return [self.chain.as_forest.closures[row.key] for row in self.limited_rows.values()]
+
+    def _of_rows(self, at: Instant) -> Array | list[float]:
+        """Return the margins of the rows with limits."""
+        assert isinstance(at, MechanismMoment | LateInstant)
+        if not self.limited_rows or at.closure_margins is None:
+            return [margin_of_row(self.limited_rows[i], f) for i, f in self._wrenches(at).items()]
+        return at.closure_margins[self.limited_closures]
+
+    def wrenches(self, of_closures: Array) -> Array:
+        """Return the wrenches of the run's grasps and loops, (..., rows, 6), from (..., closures, 6); zero if open."""
+        found = np.zeros((*of_closures.shape[:-2], len(self.rows), 6))
         for i, row in self.closed.items():
-            found[i] = at.grasp_wrenches[self.chain.as_forest.closures[row.key]]
+            found[..., i, :] = of_closures[..., self.chain.as_forest.closures[row.key], :]
         return found
 
     def _wrenches(self, at: Instant) -> dict[int, Array]:
         """Return the wrenches of the rows with limits in contact axes."""
         limited = self.limited_rows
-        return contact_wrenches(self.chain, at.state, self.wrenches(at), limited) if limited else {}
+        return contact_wrenches(self.chain, at.state, self.wrenches(at.grasp_wrenches), limited) if limited else {}
 
     def description(self, at: Instant, signal: int) -> str:
         """Return a sentence on what happens when the margin reaches zero."""

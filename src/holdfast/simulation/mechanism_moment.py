@@ -19,11 +19,13 @@ class MechanismMoment(Instant):
         sample: its forest.
         engine: what has evaluated it.
         halfway: (n,) torques of the drives half-way through the step that ends here; None if they are not known.
+        closure_margins: (closures,) margins of the closures, infinite without a limit [N]; None if not known.
     """
 
     sample: ForestSample = None  # pyright: ignore[reportAssignmentType]
     engine: ForestEngine = None  # pyright: ignore[reportAssignmentType]
     halfway: Array | None = None
+    closure_margins: Array | None = None
 
     @cached_property
     def account(self) -> ForestAccount:

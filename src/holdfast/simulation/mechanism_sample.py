@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,14 @@ from holdfast.simulation.balance import Sums
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.mechanism_margins import MechanismSignals
 from holdfast.simulation.mechanism_moment import MechanismMoment
-from holdfast.simulation.sample import lowest_joints, lowest_of
+from holdfast.simulation.sample import Samples, lowest_joints, lowest_of
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
+
+AS_RECORDED = ("q", "qd", "qdd", "object_pose", "object_twist", "object_acceleration", "condition")
+OF_ACCOUNT = ("closure_wrench", "coupling_force", "kinetic", "potential")  # of a `ForestAccount`
+OF_BASE = {f"floating_{name}": f"base_{name}" for name in ("pose", "twist", "acceleration")}
 
 
 def mechanism_sample(
@@ -29,43 +33,72 @@ def mechanism_sample(
     occurrences: tuple[Occurrence, ...] = (),
 ) -> Trajectory:
     """Return a run of one sample; arguments as for `sample.sample`, with the signals of the chain at that time."""
-    arrays, rows = _arrays(signals, at) | {"impact": sums.impact, "work": sums.work}, len(signals.rows)
-    lowest, when = lowest_of(times[None], margins[None])
-    joint, least, joint_when = lowest_joints(lowest[:, rows:], when[:, rows:])
+    before, after = zip(gaps.position, gaps.velocity, strict=True)
+    of_rows = margins[-1:, : len(signals.rows)]
+    one = Samples(
+        np.array([at.t]),
+        _arrays(signals, at),
+        (of_rows, of_rows, of_rows),
+        np.array([[*before, *after]]),
+        sums.work[None],
+        *lowest_of(times[None], margins[None]),
+    )
+    found = {name: np.asarray(getattr(at.account, name))[None] for name in OF_ACCOUNT}
+    return mechanism_recorded(signals, found, one, sums, names, occurrences)
+
+
+def mechanism_recorded(
+    signals: MechanismSignals,
+    found: Mapping[str, Array],
+    samples: Samples,
+    sums: Sums,
+    names: Collection[str],
+    occurrences: tuple[Occurrence, ...] = (),
+) -> Trajectory:
+    """Return a run of the given samples; see `sample.recorded`.
+
+    Args:
+        signals: the signals of the chain.
+        found: forces and energies (k, ...) by the names `OF_ACCOUNT`.
+        samples: the samples, between which nothing has happened.
+        sums: impulses since the run's start.
+        names: the arrays to record.
+        occurrences: what has happened since the previous sample.
+    """
+    x, k, rows = samples.arrays, len(samples.t), len(signals.rows)
+    joint, least, joint_when = lowest_joints(samples.lowest[:, rows:], samples.lowest_time[:, rows:])
+    arrays: dict[str, Any] = {name: x[name] for name in AS_RECORDED}
+    arrays |= {field: x.get(name, np.zeros((k, 0))) for name, field in OF_BASE.items()}
     arrays |= {
-        "position_gap": gaps.position,
-        "velocity_gap": gaps.velocity,
-        "margin": margins[-1, :rows],
-        "lowest_margin": lowest[0, :rows],
-        "lowest_margin_time": when[0, :rows],
-        "lowest_joint_margin": least[0],
-        "lowest_joint_margin_time": joint_when[0],
-        "lowest_joint": joint[0],
+        "t": samples.t,
+        "tau": x["drive"],
+        "grasp_wrench": signals.wrenches(found["closure_wrench"]),
+        "coupling_force": found["coupling_force"],
+        "holding": np.tile(signals.holding, (k, 1)),
+        "kinetic": found["kinetic"],
+        "potential": found["potential"],
+        "impact": np.full(k, sums.impact),
+        "work": samples.work,
+        "position_gap": samples.gaps[:, ::2],
+        "velocity_gap": samples.gaps[:, 1::2],
+        "margin": samples.margins[0],
+        "lowest_margin": samples.lowest[:, :rows],
+        "lowest_margin_time": samples.lowest_time[:, :rows],
+        "lowest_joint_margin": least,
+        "lowest_joint_margin_time": joint_when,
+        "lowest_joint": joint,
     }
-    found: dict[str, Any] = {name: np.array(x)[None] for name, x in arrays.items() if name in names}
-    return Trajectory(**found, occurrences=occurrences)
+    return Trajectory(**{name: arrays[name] for name in names if name in arrays}, occurrences=occurrences)
 
 
-def _arrays(signals: MechanismSignals, at: MechanismMoment) -> dict[str, Any]:
-    """Return the state, accelerations, forces and energies of a sample by name."""
-    chain, state, found, none = signals.chain, at.state, at.account, np.zeros(0)
-    qdd, joints, several = at.accelerations, joint_rows(chain), np.shape(state.object_twist)
-    return {
-        "t": at.t,
-        "q": state.q,
-        "qd": state.qd,
-        "qdd": qdd[joints],
-        "tau": at.tau,
-        "object_pose": state.object_pose,
-        "object_twist": state.object_twist,
-        "object_acceleration": qdd[joints.stop :].reshape(several),
-        "base_pose": none if state.base_pose is None else state.base_pose,
-        "base_twist": none if state.base_twist is None else state.base_twist,
-        "base_acceleration": qdd[: joints.start],
-        "grasp_wrench": signals.wrenches(at),
-        "coupling_force": found.coupling_force,
-        "holding": signals.holding,
-        "kinetic": found.kinetic,
-        "potential": found.potential,
-        "condition": at.sample.now.condition,
-    }
+def _arrays(signals: MechanismSignals, at: MechanismMoment) -> dict[str, Array]:
+    """Return the state, torques and accelerations of an instant by the names of machine code, as one sample."""
+    state, qdd, joints = at.state, at.accelerations, joint_rows(signals.chain)
+    of_objects = qdd[joints.stop :].reshape(np.shape(state.object_twist))
+    found = {"q": state.q, "qd": state.qd, "qdd": qdd[joints], "drive": at.tau, "object_acceleration": of_objects}
+    found |= {"object_pose": state.object_pose, "object_twist": state.object_twist}
+    if state.base_pose is not None:
+        assert state.base_twist is not None
+        of_base = (state.base_pose, state.base_twist, qdd[: joints.start])
+        found |= dict(zip(OF_BASE, of_base, strict=True))
+    return {name: np.array(x)[None] for name, x in {**found, "condition": at.sample.now.condition}.items()}

@@ -18,7 +18,8 @@ from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.events import Attach, Event, Happened, happen
 from holdfast.simulation.margins import Policy
 from holdfast.simulation.mechanism_margins import MechanismSignals
-from holdfast.simulation.mechanism_sample import mechanism_sample
+from holdfast.simulation.mechanism_sample import mechanism_recorded, mechanism_sample
+from holdfast.simulation.sample import Samples
 from holdfast.simulation.segment import Segment
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory
@@ -61,6 +62,11 @@ class MechanismSegment(Segment):
         found, none = dict(zip(chain.as_forest.closures, one.impulses, strict=False)), (0.0,) * 6
         by_row = tuple(found.get(row.key, none) for row in self.signals.rows) if one.impulses else ()
         return chain, state, replace(one, impulses=by_row)
+
+    def recorded(self, samples: Samples, sums: Sums) -> Trajectory:
+        """Return the run of several samples."""
+        found = self.stepper.accounts(samples.t, samples.arrays)
+        return mechanism_recorded(self.signals, found, samples, sums, self.settings.recording.names)
 
     def sample(self, at: Any, gaps: Gaps, sums: Sums, times: Array, margins: Array, happened: Any) -> Trajectory:
         """Return the run of one sample."""

@@ -9,12 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.forest_engine import CompiledForestEngine
 from holdfast.control.controller import Controller, GivenLaw, torques_and_memory
-from holdfast.dynamics.tree.forest_inverse import InverseAt
 from holdfast.dynamics.tree.forest_simulate import (
     ForestEngine,
-    ForestReference,
     ForestSample,
     Slope,
     forest_step,
@@ -40,7 +37,6 @@ from holdfast.simulation.interpolant import quadratic, quintic
 from holdfast.simulation.joint_friction import friction_torque, joint_friction
 from holdfast.simulation.mechanism_margins import MechanismSignals
 from holdfast.simulation.mechanism_moment import MechanismMoment
-from holdfast.simulation.rollout.compiled_steppers import STEPS_WORTH_COMPILING
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS, Advance
@@ -86,10 +82,15 @@ class MechanismStepper:
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, closed, and the gaps before and after; see `Stepper`."""
+        closed, drift = self.closed(state)
+        now = self.evaluate(t, closed, memory)
+        return now, gaps_at(drift, now)
+
+    def closed(self, state: State) -> tuple[State, tuple[Scalar, Scalar]]:
+        """Return a state that is brought back to closures and couplings, and the largest gaps before."""
         chain = self.environment.chain
         q, qd, drift = self.engine.closed(*flat_state(chain, state))
-        now = self.evaluate(t, chain_state(chain, q, qd), memory)
-        return now, _gaps(drift, now)
+        return chain_state(chain, q, qd), drift
 
     def evaluate(self, t: float, state: State, memory: Any) -> MechanismMoment:
         """Return the chain at a given state; see `Stepper`."""
@@ -148,13 +149,12 @@ class MechanismStepper:
         if signals.limited_rows:
             if not isinstance(self.environment.inputs, Inputs):
                 return None
-            drives = np.zeros((len(times), forest.velocity_count))
-            drives[:, joint_rows(chain)] = tau - friction_torque(self._friction, qd.T).T
+            drives = np.array([self.drives(*row) for row in zip(tau, qd, strict=True)])
             margins = self.engine.margins(x, rates, drives, now.sample.given.wrenches)
             if margins is None:
                 return None
-            found = margins[:, [chain.as_forest.closures[row.key] for row in signals.limited_rows.values()]]
-        return signals.of_arrays({"q": q, "qd": qd, "drive": tau, "margin": found})
+            found = margins[:, signals.limited_closures]
+        return signals.of_coordinates(q, qd, tau, found)
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return the results of single steps; see `Stepper`."""
@@ -180,7 +180,7 @@ class MechanismStepper:
         middle = [tau for node, tau in zip(self.scheme.c[1:].tolist(), torques, strict=False) if node == 0.5]
         later = replace(later, halfway=np.mean(middle, axis=0) if middle else None)
         error = error_ratio(step.estimates, self._allowed(now, later))
-        return Advance(end, later, _gaps(step.drift, later), step.work, error)
+        return Advance(end, later, gaps_at(step.drift, later), step.work, error)
 
     def _allowed(self, before: MechanismMoment, after: MechanismMoment) -> Array:
         """Return the error allowed in q and qd, (n_q + n_v,): one size for all positions and one for all rates."""
@@ -200,12 +200,16 @@ class MechanismStepper:
         chain = self.environment.chain
         state = found_state(chain_arrays_of(chain, q, qd)) if state is None else state
         tau, memory = self._asked(t, state, memory)
-        inputs, wrenches = self._constant or self._wrenches(self.environment.at(t, state)[1])
-        drives = np.zeros(len(qd))
-        drives[joint_rows(chain)] = tau - friction_torque(self._friction, state.qd) if self._friction.any() else tau
-        return MechanismInput(
-            state, ForestArguments(chain.as_forest.forest, q, qd, drives, wrenches), tau, memory, inputs
-        )
+        inputs, wrenches = self.constant or self._wrenches(self.environment.at(t, state)[1])
+        given = ForestArguments(chain.as_forest.forest, q, qd, self.drives(tau, state.qd), wrenches)
+        return MechanismInput(state, given, tau, memory, inputs)
+
+    def drives(self, tau: Array, rates: Array) -> Array:
+        """Return the torques on the bodies of the forest, (n_v,), from those of the drives and the joints' rates."""
+        chain = self.environment.chain
+        found = np.zeros(chain.as_forest.forest.velocity_count)
+        found[joint_rows(chain)] = tau - friction_torque(self._friction, rates) if self._friction.any() else tau
+        return found
 
     def _asked(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques of the controller, and its memory."""
@@ -225,7 +229,7 @@ class MechanismStepper:
         return ~driven_joints(self.environment.chain)
 
     @cached_property
-    def _constant(self) -> tuple[Inputs, Array] | None:
+    def constant(self) -> tuple[Inputs, Array] | None:
         """The inputs and the wrenches on the forest's bodies, if they are constant."""
         given = self.environment.inputs
         return self._wrenches(given) if isinstance(given, Inputs) else None
@@ -234,31 +238,6 @@ class MechanismStepper:
         require_wrenches(inputs, "of a chain that is answered as a forest")
         chain = self.environment.chain
         return inputs, body_wrenches(chain, shaped_inputs(chain, inputs))
-
-
-class MechanismSteppers:
-    """Makes the steppers of a run of a chain that is answered as a forest; see `MakeStepper`.
-
-    Its laws find inverse dynamics by machine code in the engine of the last stepper that was made.
-    """
-
-    def __init__(self, steps: int) -> None:
-        """Take the least number of steps of the run, by which machine code is chosen."""
-        self._steps, self._engine = steps, None
-
-    def __call__(
-        self, environment: Environment, controller: Controller, rank: int, scheme: Tableau, tolerance: Tolerance
-    ) -> Any:
-        """Return a stepper; a negative rank is not known yet."""
-        forest = environment.chain.as_forest.forest
-        if self._steps < STEPS_WORTH_COMPILING and not scheme.adaptive:
-            return MechanismStepper(environment, controller, ForestReference(forest), scheme, tolerance)
-        self._engine = CompiledForestEngine(forest, None if rank < 0 else rank)
-        return MechanismStepper(environment, controller, self._engine, scheme, tolerance)
-
-    def inverse(self, given: ForestArguments) -> InverseAt | None:
-        """Return inverse dynamics by machine code, if there is some for the forest; see `inverse_code`."""
-        return None if self._engine is None else self._engine.inverse(given)
 
 
 def _of_joints(chain: ClosedChain, at: MechanismMoment) -> tuple[Array, Array, Array]:
@@ -277,6 +256,7 @@ def increment(scheme: Tableau, first: Array, h: Scalar, slope: Slope) -> tuple[A
         found = slope(later, y)
 
 
-def _gaps(drift: tuple[float, float], now: MechanismMoment) -> Gaps:
+def gaps_at(drift: tuple[Scalar, Scalar], now: MechanismMoment) -> Gaps:
+    """Return the gaps before a chain was closed, and of the instant after it."""
     found = now.account
     return Gaps(np.array([drift[0], found.position_gap]), np.array([drift[1], found.velocity_gap]))

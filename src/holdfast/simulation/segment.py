@@ -31,7 +31,7 @@ from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
 from holdfast.simulation.run_record import RecordSettings
 from holdfast.simulation.runge_kutta import IMEX, Tableau, dop853
-from holdfast.simulation.sample import sample
+from holdfast.simulation.sample import Samples, recorded, sample
 from holdfast.simulation.stability import too_fast
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Stepper, SubdividingStepper
@@ -210,6 +210,10 @@ class Segment:
         """Return the run of one sample; see `sample.sample`."""
         accounts, names = self.stepper.accounts, self.settings.recording.names
         return sample(self.environment, accounts, at, gaps, sums, times, margins, names, happened)
+
+    def recorded(self, samples: Samples, sums: Sums) -> Trajectory:
+        """Return the run of several samples, between which nothing has happened; see `sample.recorded`."""
+        return recorded(self.environment, self.stepper.accounts, samples, sums, self.settings.recording.names)
 
     def at(self, origin: Origin) -> Instant:
         """Return the instant of an accepted time, state and memory, without projection."""

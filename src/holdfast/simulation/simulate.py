@@ -40,9 +40,9 @@ from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.hand_events import SLIDE, require_slidable
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.mechanism_segment import MechanismSegment, attached_later, require_openable
-from holdfast.simulation.mechanism_stepper import MechanismSteppers
 from holdfast.simulation.rollout.compiled_impulses import impulse_stepper_for
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
+from holdfast.simulation.rollout.mechanism_steppers import MechanismSteppers
 from holdfast.simulation.rollout.open_contacts import ContactSteppers
 from holdfast.simulation.run import recorded_run, resumed_run, start_of_run
 from holdfast.simulation.run_record import EVERYTHING, Listeners, record_settings, require_memory
@@ -104,8 +104,9 @@ def simulate(
 
     A chain with branches, loops, couplings or several objects is simulated by the same schemes but "imex", with bases
     that stand. The margins of its joints, grasps and loops, by the smallest forces if these are not unique, are
-    evaluated inside steps on interpolated instants first, and by shorter steps, as those of serial chains, where a
-    violation may begin or end. Singular configurations end a run only where no accelerations exist.
+    evaluated inside steps as those of serial chains; where a controller is called at every stage, or wrenches are a
+    function, first on interpolated instants, and by shorter steps where a violation may begin or end. Singular
+    configurations end a run only where no accelerations exist.
 
     Args:
         chain: arms, object and grasps.
@@ -217,7 +218,7 @@ def simulate(
     if policy.on_limit == "clip":
         driver = clipped(driver, chain)
     acting = given_law(driver, parameters)
-    if isinstance(acting, GivenLaw) and not forest:
+    if isinstance(acting, GivenLaw):
         require_function(acting.law, chain)
     if forest:
         require_openable(chain, policy)

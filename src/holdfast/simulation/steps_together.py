@@ -14,7 +14,6 @@ from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.rollout.rows import ACCELERATIONS
 from holdfast.simulation.rollout.successive_steps import Again
 from holdfast.simulation.run_step import RunState
-from holdfast.simulation.sample import arrays_of
 from holdfast.simulation.segment import Segment
 from holdfast.simulation.stepper import SubdividingStepper
 from holdfast.simulation.verification import evaluation_parts
@@ -110,7 +109,7 @@ def steps_together(at: RunState, stepper: FusedStepper, ends: Array, jumps: Arra
     remember = None if at.checkpoint.held is None else _sampling(at, begins, jumps, held, interrupted)
     points, after_jumps, taken, again, memories, interruption = stepper.take(now, times, jumps, remember)
     interruption = interrupted[0] if interrupted else interruption
-    starts, first = {}, {**stepper.start_of(now), **arrays_of(now)}
+    starts, first = {}, stepper.carried_at(now)
     for name in [name for name in OF_STARTS if name in first]:
         starts[name] = np.concatenate([first[name], points[name][:-1, -1]])
         starts[name][jumps] = after_jumps[name][jumps, 0]
@@ -150,9 +149,7 @@ def needs_a_look(segment: Segment, x: Mapping[str, Array]) -> Array:
     found = x["code"] != 0.0
     if isinstance(segment.stepper, SubdividingStepper):
         found |= x["gaps"][..., 0] > segment.stepper.limit
-    if segment.signals.grasps_limited:
-        found |= x["rank"] != segment.environment.chain.constraint_row_count
-    return found
+    return found | segment.signals.undecided(x)
 
 
 def _sampling(

@@ -29,7 +29,7 @@ from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.rollout.rows import ACCELERATIONS, TWISTS, gaps_of, velocities_in
 from holdfast.simulation.run_step import LARGEST_RATE, RunState
-from holdfast.simulation.sample import Samples, lowest_of, recorded
+from holdfast.simulation.sample import Samples, lowest_of
 from holdfast.simulation.segment import suited
 from holdfast.simulation.singular_configuration import (
     SHORTENED_WITHIN,
@@ -220,7 +220,7 @@ def _largest(at: RunState, steps: StepsTogether) -> Array:
 
 
 def _accelerations(x: Mapping[str, Array]) -> Array:
-    return np.concatenate([x[name] for name in ACCELERATIONS if name in x], axis=-1)
+    return np.concatenate([x[name].reshape(len(x["qdd"]), -1) for name in ACCELERATIONS if name in x], axis=-1)
 
 
 def _near_singular(at: RunState, steps: StepsTogether) -> tuple[Array, Array]:
@@ -228,7 +228,7 @@ def _near_singular(at: RunState, steps: StepsTogether) -> tuple[Array, Array]:
     segment, h = at.segment, steps.lengths[:, 0]
     x, y = steps.starts, steps.ends
     chain, goes_on = segment.environment.chain, segment.settings.policy.on_singular == "continue"
-    if segment.generic_rank <= chain.contact_freedom_count:
+    if not segment.finds_singular or segment.generic_rank <= chain.contact_freedom_count:
         return np.zeros(len(h), dtype=bool), np.zeros(len(h), dtype=bool)
     here, later = chain_strength(x["condition"]), chain_strength(y["condition"])
     first = here[0] if at.previous is None else chain_strength(np.array(at.previous.result.condition))
@@ -301,13 +301,13 @@ def _accepted(
     def instant(k: int) -> Instant:
         return stepper.instant(x, k, float(t[k]), returned[k])
 
-    of_grasps = margins[-1, :, : len(segment.environment.chain.arms)]
+    of_grasps = margins[-1, :, : segment.signals.quantities.count("grasp")]
     lowest, when = lowest_of(times, margins.swapaxes(0, 1))
     for k, curve in refined.items():
         sample = k + int(jumps[: k + 1].sum())
         lowest[sample], when[sample] = lowest_of(*curve)
     samples = Samples(t, x, (of_grasps, of_grasps, of_grasps), x["gaps"], work, lowest, when)
-    run = recorded(segment.environment, segment.stepper.accounts, samples, saved.sums, segment.settings.recording.names)
+    run = segment.recorded(samples, saved.sums)
     followed, largest = _followed(saved.tracker, samples), _largest(at, steps)
 
     def origin(k: int) -> Origin:

@@ -5,8 +5,9 @@ of the scheme. Each of these points is reached by one shorter step from the star
 divides it), never by an interpolant. A controller that is a Python function and is not sampled is called at the stages
 of the step only: at those points its torques are those of a quadratic through its answers, and it is called for a
 margin that may be negative (`rollout.python_law_stepper`). What such a function does between two stages is neither part
-of the motion nor verified. Chains that are answered as forests are first looked at on quintics through the ends of the
-step, under such torques; of controllers that are no `ControlLaw` what is between the stages is not verified either.
+of the motion nor verified. Chains that are answered as forests, if their steps are not machine code as a whole, are
+first looked at on quintics through the ends of the step, under such torques; of controllers that are no `ControlLaw`
+what is between the stages is not verified either.
 
 *Every dip below zero that lasts a quarter of a step is certain to be found.* The evaluations are at most h/8 apart,
 also across steps, so any interval of length h/4 contains at least two of them, and a dip of any shape appears as a

@@ -31,6 +31,7 @@ from holdfast.simulation.rollout.rows import (
 from holdfast.simulation.rollout.stage_values import acting_on, wrench_arrays
 from holdfast.simulation.rollout.successive_steps import Again, Driven, SuccessiveSteps
 from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.sample import arrays_of
 from holdfast.simulation.step import EvaluationRequest, Gaps, ProjectionRequest, StageRequest, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
@@ -116,7 +117,7 @@ class FusedStepper:
         """Take steps of several systems in place, and return their results; `given` are inputs of the law."""
         steps = np.array(ends) - begin
         self.kernel.run(systems, {**self._inputs(np.array(begin), steps, False), **given}, {})
-        self.kernel.choose_forces(systems, self._inputs(begin + steps, np.array(0.0), True), {})
+        self._choose_forces(systems, begin + steps)
         return [self._advance(systems, row, end, memory) for row, end in enumerate(ends)]
 
     def start_of(self, now: Instant, count: int = 1) -> Systems:
@@ -125,6 +126,10 @@ class FusedStepper:
         systems["slope"][...], systems["drive"][...] = now.rates(no_turns(now.state)), now.tau
         hold_rows(systems, now.result.held)
         return systems
+
+    def carried_at(self, now: Instant) -> Systems:
+        """Return an instant as a system, with its condition and accelerations."""
+        return {**self.start_of(now), **arrays_of(now)}
 
     def take(
         self,
@@ -156,7 +161,7 @@ class FusedStepper:
         ends, starts = ({name: x[:count] for name, x in arrays.items()} for arrays in (taker.ends, taker.starts))
         for part, at in ((ends, times[:, 1:]), *([(starts, times[:, 0])] if jumps.any() else [])):
             of_systems = {name: x.reshape(at.size, *x.shape[2:]) for name, x in part.items()}
-            self.kernel.choose_forces(of_systems, self._inputs(at.ravel(), np.array(0.0), True), {})
+            self._choose_forces(of_systems, at.ravel())
         if driven is None:
             return Taken(ends, starts, done, taker.again)
         return Taken(ends, starts, done, taker.again, driven.memories, driven.interruption)
@@ -252,8 +257,12 @@ class FusedStepper:
         self.kernel.run(systems, inputs | given, {})
         refuse(systems)
         if evaluate and not keep:  # of stages only the slope is used
-            self.kernel.choose_forces(systems, inputs, {})
+            self._choose_forces(systems, np.array(times))
         return systems, kept
+
+    def _choose_forces(self, systems: Systems, t: Array) -> None:
+        """Choose the forces of systems at the given times [s], if they are not unique; see `StepKernel`."""
+        self.kernel.choose_forces(systems, self._inputs(t, np.array(0.0), True), {})
 
     def _asked(
         self, systems: Systems, inputs: dict[str, Array], memory: Any, project: bool, evaluate: bool

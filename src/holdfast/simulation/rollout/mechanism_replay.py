@@ -15,7 +15,7 @@ from holdfast.simulation.balance import Sums
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.mechanism_margins import MechanismSignals
 from holdfast.simulation.mechanism_sample import mechanism_sample
-from holdfast.simulation.mechanism_stepper import MechanismSteppers
+from holdfast.simulation.rollout.mechanism_steppers import MechanismSteppers
 from holdfast.simulation.rollout.record import with_own_bodies
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.runge_kutta import scheme

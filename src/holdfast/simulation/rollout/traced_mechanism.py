@@ -45,7 +45,7 @@ from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, eva
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import StepResult
 from holdfast.spatial.frozen import changed
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, select, where
 from holdfast.state import Inputs, State, found_state
 
 OBJECT_NUMBERS = ("object_mass", "object_com", "object_inertia")
@@ -125,12 +125,13 @@ class MechanismSystem(TracedSystem):
         return MechanismEvaluation(state, given, now, drive, kept)
 
     def step_from(self, tableau: Tableau, first: Array) -> StepResult:
-        """Return the result of a step that begins with the slope `first`."""
-        memory = self.last("memory")
+        """Return the result of a step that begins with the slope `first`; if `held` is set, the state stays."""
+        memory, still = self.last("memory"), self.given["held"][()] > 0.5
         step = self.stepped(tableau, first, memory)
-        end = self.evaluate(self.time(1.0), self.found_at(step.q, step.qd), memory, True)
+        q, qd = (select(still, *pair) for pair in zip(flat(self.state), (step.q, step.qd), strict=True))
+        end = self.evaluate(self.time(1.0), self.found_at(q, qd), memory, True)
         motion = end.given.motion({})
-        left = Gap(position_gaps(motion, step.q).largest, velocity_gaps(motion, step.qd).largest)
+        left = Gap(position_gaps(motion, q).largest, velocity_gaps(motion, qd).largest)
         return StepResult(end, (Gap(*step.drift), left), step.work, step.estimates)
 
     def stepped(self, tableau: Tableau, first: Array, memory: Array) -> ForestStep:
