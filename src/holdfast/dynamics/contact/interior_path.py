@@ -153,12 +153,11 @@ def _advanced(contacts: list[ScaledContact], pace: PathPace, at: ConePoint, comp
     part = where(at.length < SHORT_STEP, REDUCED, 1.0)
     of = each(lambda c, u, x, y: _linearised(c, u, x, y, smooth, part, compliant), contacts, at.u, at.x, at.y)
     factors = lu(np.eye(len(at.z)) + sum(one.part for one in of))
-    missing = sum(x @ c.along for c, x in zip(contacts, at.x, strict=True)) - at.z
 
     def direction(wanted: list[Array]) -> tuple[Array, list[Array], list[Array], list[Array]]:
         """Return dz, du = B dz, dx and dy with dx + H dy = -x - H wanted."""
         alone = each(lambda one, x, more: _force_change(one, x, one.gap + more), of, at.x, wanted)
-        dz = lu_solve(factors, missing + sum(dx @ c.along for c, dx in zip(contacts, alone, strict=True)))
+        dz = lu_solve(factors, sum((x + dx) @ c.along for c, x, dx in zip(contacts, at.x, alone, strict=True)) - at.z)
         ends = each(lambda c, one, x, more: _step(c, one, x, more, dz), contacts, of, at.x, wanted)
         return dz, [du for du, *_ in ends], [dx for _, dx, _ in ends], [dy for *_, dy in ends]
 

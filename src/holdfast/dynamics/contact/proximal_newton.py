@@ -62,8 +62,8 @@ def polished(
 
     def refined(carry: tuple[HeldForces, list[Array], Scalar], relative: float) -> tuple[Any, None]:
         at, best, least = carry
-        held = _newton_step(contacts, at, relative, lengths)
-        at = HeldForces(held, *motion_with(contacts, held))
+        at = _newton_step(contacts, at, relative, lengths)
+        held = at.held
         now = violation(contacts, held, at.u)
         better = now < least
         return (at, _better(held, best, better), where(better, now, least)), None
@@ -75,7 +75,7 @@ def polished(
 
 def _newton_step(
     contacts: list[ReducedContact], at: HeldForces, relative: float, lengths: tuple[float, ...]
-) -> list[Array]:
+) -> HeldForces:
     """Return the forces after one Newton step at a compliance, as long as leaves least of the equation."""
     stiffness = each(lambda c: reciprocal(c.gauge * relative + c.compliance), contacts)
 
@@ -89,16 +89,18 @@ def _newton_step(
     step = lu_solve(factors, unknown(contacts, [x for x, _ in found]) - at.z)
     slower = each(lambda c, stiff: stiff * (c.by_z @ step), contacts, stiffness)
 
-    def tried(length: float) -> tuple[list[Array], Scalar]:
+    def tried(length: float) -> tuple[list[Array], Array, Scalar]:
         forces = each(lambda c, one, less: lawful_force(one - length * less, c.friction), contacts, v, slower)
-        left = at.z + length * step - unknown(contacts, forces)
-        return forces, left @ left
+        z = unknown(contacts, forces)
+        left = at.z + length * step - z
+        return forces, z, left @ left
 
-    best, least = tried(lengths[0])
+    best, z, least = tried(lengths[0])
     for length in lengths[1:]:
-        forces, off = tried(length)
-        best, least = _better(forces, best, off < least), where(off < least, off, least)
-    return best
+        forces, there, off = tried(length)
+        nearer = off < least
+        best, z, least = _better(forces, best, nearer), select(nearer, there, z), where(nearer, off, least)
+    return HeldForces(best, z, each(lambda c: c.velocity(z), contacts))
 
 
 def _better(new: list[Array], old: list[Array], chosen: Scalar) -> list[Array]:
