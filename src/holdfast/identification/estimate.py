@@ -63,6 +63,7 @@ class Estimate:
         motion_share: part of the whitened residuals' variance that the noise of the motion explains.
         settled: whether the weights converged.
         held: whether the guess's values are a feasible body together with the determined combinations.
+        far: (samples,) which were left out, as their residuals are beyond chance.
     """
 
     plain: Array
@@ -76,6 +77,7 @@ class Estimate:
     motion_share: float
     settled: bool
     held: bool
+    far: Array
 
 
 def estimate(
@@ -129,6 +131,7 @@ def estimate(
         motion_share=fit.motion_share,
         settled=fit.settled,
         held=held,
+        far=fit.far,
     )
 
 
