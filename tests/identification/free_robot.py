@@ -28,7 +28,7 @@ TURNS, SWINGS, PHASES = (
 def swing(t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return prescribed positions, rates and accelerations of the joints."""
     x = TURNS * t + PHASES
-    q = [0.4, 0.9] + (SWINGS * np.sin(x)).sum(axis=1)
+    q = np.array([0.4, 0.9]) + (SWINGS * np.sin(x)).sum(axis=1)
     return q, (SWINGS * TURNS * np.cos(x)).sum(axis=1), -(SWINGS * TURNS**2 * np.sin(x)).sum(axis=1)
 
 

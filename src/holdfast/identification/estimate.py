@@ -153,6 +153,9 @@ def _covariance(
     raw = fit.weights.transpose(0, 2, 1) @ J
     for one in motion:
         scores = scores + one.score(system.motions, values, raw)
+    if motion:
+        drawn = sum(one.drawn(system.motions, values, fit.weights) for one in motion) @ slopes @ split.change
+        scores = scores + np.outer(drawn, drawn) / 3.0
     influence = split.unknowns.sizes[:, None] * (inverse - split.fixed @ (split.fixed.T @ inverse))
     return influence @ scores @ influence.T
 

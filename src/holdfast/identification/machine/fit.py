@@ -278,6 +278,9 @@ class _Point:
             raw = np.swapaxes(self.W, 1, 2) @ (self.columns * (weights**2)[:, :, None]) @ T
             for one in self.motion:
                 M += one.score(self.rows.N, self.features, raw)
+            drawn = np.zeros(len(self.z))
+            drawn[: len(self.x)] = sum(one.drawn(self.rows.N, self.features, self.W)[:-1] for one in self.motion)
+            M += np.outer(drawn @ T, drawn @ T) / 3.0
         if not coloured or all(len(one.a) == 1 for one in processes):
             if not self.motion:
                 return self.information(weights, around), processes, 1.0
