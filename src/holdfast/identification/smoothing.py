@@ -121,7 +121,7 @@ class _Fit:
 
     def _likeliest(self, bent: csr_array) -> tuple[float, float]:
         """Return the least cost for a root of the penalty, and the logarithm of the lambda that has it."""
-        self._bent, self._penalty = bent, banded(csr_array(bent.T @ bent), bent.shape[1])
+        self._bent, self._penalty = bent, banded(csr_array(bent.T @ bent), len(self._right))
         costs = [self._solved(x)[0] for x in LAMBDAS]
         best = float(LAMBDAS[int(np.argmin(costs))])
         bounds = (best - 1.0, best + 1.0)
