@@ -10,6 +10,7 @@ import pytest
 import holdfast as hf
 from holdfast.identification import Recording
 from holdfast.simulation.joint_friction import friction_torque
+from tests.identification import free_robot as in_a_plane
 from tests.identification.recorded import recorded
 
 BOX = hf.HeldObject(2.0, np.diag([0.02, 0.05, 0.04]), [0.02, 0.0, 0.03])
@@ -120,3 +121,26 @@ def test_what_no_sensor_measures_on_a_floating_base_does_not_count_as_exact(nois
             assert sure.all()
             squares += ((found.values - right) ** 2 / np.diag(found.covariance)).tolist()
     assert 0.2 < np.mean(squares) < 4.0 and max(squares) < 25.0
+
+
+@pytest.mark.long
+def test_a_robot_on_a_free_base_by_newton_and_euler():
+    """What a plane motion tells comes back exactly; noisy positions leave errors as deviations say."""
+    chain, exact = in_a_plane.recorded(base_mass=3.0, duration=4.0, samples=160)
+    body, told = chain.held_object, [0, 1, 3, 7]
+    right = np.array([body.mass, *body.com, *body.inertia[np.triu_indices(3)]])[told]
+    model = replace(chain, held_object=hf.HeldObject(1.0, 0.02 * np.eye(3), [0.02, 0.0, 0.1]))
+    found = hf.identify(model, exact, by="tau")
+    assert found.values[told] == pytest.approx(right, rel=1e-8)
+    assert exact.tau is not None
+    random = np.random.default_rng(0)
+    given = exact.part(slice(None, None, 2))
+    assert given.tau is not None
+    tau = given.tau + TORQUES * random.normal(size=given.tau.shape)
+    tau[[20, 50]] += [2.0, -1.5]
+    given = replace(given, q=given.q + 1e-4 * random.normal(size=given.q.shape), qd=None, qdd=None, tau=tau)
+    for kinds in (None, ["payload"]):
+        found = hf.identify(model, given, by="tau", unknowns=kinds)
+        z = (found.values[told] - right) / np.sqrt(np.diag(found.covariance))[told]
+        assert np.abs(z).max() < 4.0
+        assert any("2 samples are beyond chance and were left out, at 1.006, 2.516 s" in one for one in found.notes)

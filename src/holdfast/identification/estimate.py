@@ -63,6 +63,7 @@ class Estimate:
         motion_share: part of the whitened residuals' variance that the noise of the motion explains.
         settled: whether the weights converged.
         held: whether the guess's values are a feasible body together with the determined combinations.
+        far: (samples,) which were left out, as their residuals are beyond chance.
     """
 
     plain: Array
@@ -76,6 +77,7 @@ class Estimate:
     motion_share: float
     settled: bool
     held: bool
+    far: Array
 
 
 def estimate(
@@ -129,6 +131,7 @@ def estimate(
         motion_share=fit.motion_share,
         settled=fit.settled,
         held=held,
+        far=fit.far,
     )
 
 
@@ -150,6 +153,9 @@ def _covariance(
     raw = fit.weights.transpose(0, 2, 1) @ J
     for one in motion:
         scores = scores + one.score(system.motions, values, raw)
+    if motion:
+        drawn = sum(one.drawn(system.motions, values, fit.weights) for one in motion) @ slopes @ split.change
+        scores = scores + np.outer(drawn, drawn) / 3.0
     influence = split.unknowns.sizes[:, None] * (inverse - split.fixed @ (split.fixed.T @ inverse))
     return influence @ scores @ influence.T
 

@@ -3,7 +3,8 @@
 The weights are the inverse covariance of the rows, from the noise of the measurements and of the motion. The former is
 found from the residuals (`estimated`), the residuals from the estimate, the estimate with the weights, and this
 is repeated until the noise no longer changes. The guess takes no part in it: nothing is kept, and the body need not be
-possible.
+possible. Where positions are smoothed, samples whose residuals are beyond chance are left out: there the joints
+accelerate within less than samples show, such as when a controller is switched on.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.stats import chi2
 
 from holdfast.identification.equations import Equations, PayloadUnknowns
 from holdfast.identification.motion_noise import JointNoise
@@ -29,6 +31,8 @@ GAUSS_NEWTON_STEPS, LINEAR_STEPS = 30, 2  # if gravity is unknown; if it is know
 LEAST_STEP = 1e-12  # at which they end
 FEWEST_DIFFERENCED = 20  # samples by whose differences noise is found
 LEAST_NOISE = 1e-6  # lower bound of the noise, relative to a channel's size
+BEYOND_CHANCE = 1e-6  # chance of residuals like those of a sample that is left out
+MOST_FAR = 0.05  # share of such samples above which the model is wrong instead, so that none is left out
 UNEVEN = 0.2  # lower bound of a channel's relative noise, as a fraction of the typical one; limits its weight
 
 
@@ -43,6 +47,7 @@ class FreeFit:
         triangle: R of their QR decomposition.
         noise: (channels,) standard deviations of the measurements.
         of_motion: (samples, r, r) share of the noise of the motion in the whitened rows; None if the motion is exact.
+        far: (samples,) which are left out, so that their rows and weights are 0.
         settled: whether the noise no longer changed.
     """
 
@@ -52,6 +57,7 @@ class FreeFit:
     triangle: Array
     noise: Array
     of_motion: Array | None
+    far: Array
     settled: bool = False
 
     @property
@@ -66,10 +72,33 @@ def free_fit(
     system: Equations, unknowns: PayloadUnknowns, kinds: Array, given: Array | None, motion: Sequence[JointNoise]
 ) -> FreeFit:
     """Return the unconstrained estimate; see `estimate`."""
+    whole = _settled(system, unknowns, kinds, given, motion, np.zeros(len(system.rows), bool))
+    far = far_off(whole.rows @ unknowns.features(whole.x)[0]) if motion else whole.far
+    return _settled(system, unknowns, kinds, given, motion, far) if far.any() else whole
+
+
+def far_off(e: Array) -> Array:
+    """Return which samples have whitened residuals e, (samples, r), beyond chance; none if these are many."""
+    squares, r = (e * e).sum(axis=1), e.shape[1]
+    far = squares > chi2.isf(BEYOND_CHANCE, r) * max(float(np.median(squares) / chi2.median(r)), 1.0)
+    return far & (far.mean() <= MOST_FAR)
+
+
+def _settled(
+    system: Equations,
+    unknowns: PayloadUnknowns,
+    kinds: Array,
+    given: Array | None,
+    motion: Sequence[JointNoise],
+    far: Array,
+) -> FreeFit:
+    """Return the estimate without some samples, with weights and noise that agree with it."""
     sizes = channel_sizes(system.measured, kinds)
     least = least_noise(system.measured, sizes)
     few = 1.0 / np.sqrt(max(1.0 - len(unknowns.names) / system.rows[..., 0].size, 0.1))  # residuals are below the noise
-    fit = _weighted(system, unknowns, unknowns.model, np.maximum(HARDLY * sizes, least) if given is None else given, [])
+    fit = _weighted(
+        system, unknowns, unknowns.model, np.maximum(HARDLY * sizes, least) if given is None else given, [], far
+    )
     if motion:
         least = np.maximum(least, white_noise(system.measured, kinds, motion))
     for count in range(MOST_REWEIGHTINGS):
@@ -81,7 +110,7 @@ def free_fit(
             noise = noise if count < DAMPED else np.sqrt(noise * fit.noise)
         if float(np.abs(noise / fit.noise - 1.0).max()) < SETTLED and (count or not motion):
             return replace(fit, settled=True)
-        fit = _weighted(system, unknowns, fit.x, noise, motion)
+        fit = _weighted(system, unknowns, fit.x, noise, motion, far)
     return fit
 
 
@@ -96,7 +125,7 @@ def white_noise(measured: Array, kinds: Array, motion: Sequence[JointNoise]) -> 
 
 
 def _weighted(
-    system: Equations, unknowns: PayloadUnknowns, x: Array, noise: Array, motion: Sequence[JointNoise]
+    system: Equations, unknowns: PayloadUnknowns, x: Array, noise: Array, motion: Sequence[JointNoise], far: Array
 ) -> FreeFit:
     """Return the estimate with weights for given noise, and for that of the motion, at the previous estimate x."""
     known = None
@@ -104,11 +133,11 @@ def _weighted(
         known = np.zeros((*system.rows.shape[:2], system.rows.shape[1]))
         for one in motion:
             known[one.samples] += one.spread(system.motions, unknowns.features(x)[0])
-    W = whitener(system.maps, noise, known)
+    W = whitener(system.maps, noise, known) * ~far[:, None, None]
     rows = W @ system.rows
     _, R = np.linalg.qr(rows.reshape(-1, rows.shape[2]))
     share = None if known is None else W @ known @ W.transpose(0, 2, 1)
-    return FreeFit(least_squares(R, unknowns, x), rows, W, R, noise, share)
+    return FreeFit(least_squares(R, unknowns, x), rows, W, R, noise, share, far)
 
 
 def least_squares(R: Array, unknowns: PayloadUnknowns, x: Array) -> Array:

@@ -23,7 +23,7 @@ from holdfast.identification.machine.identify_machine import Machine, identify_m
 from holdfast.identification.machine.prior import Prior
 from holdfast.identification.machine.unknowns import KINDS, required_kinds
 from holdfast.identification.motion_noise import payload_noise
-from holdfast.identification.notes import notes_on_estimate, notes_on_grasps, notes_on_motion
+from holdfast.identification.notes import notes_on_estimate, notes_on_far, notes_on_grasps, notes_on_motion
 from holdfast.identification.recording import Recording
 from holdfast.identification.suspicions import suspicions_of_motion
 from holdfast.io.result_reader import Result
@@ -137,6 +137,7 @@ def identify(
         said = str(error).removeprefix("identify: ")
         raise StateError(f"identify: recording: {'; '.join(doubts)}; as it stands, {said}") from error
     notes = [*doubts, *notes_on_estimate(found, motion, system, noise is not None)]
+    notes += notes_on_far(found.far, np.concatenate([one.t[k] for one, k in zip(whole, system.kept, strict=True)]))
     notes += [*notes_on_grasps(chain, whole, frames), *notes_on_motion(given)]
     return replace(_identification(chain, sought, found, settings, frames, tuple(notes)), suspicions=tuple(doubts))
 

@@ -4,6 +4,10 @@ The errors of smoothing splines, of known covariance, change the residuals rows 
 sensitivities H found by differences in some of the samples, and between them by interpolation, since motions are
 smooth. As forces along all freedoms (H instead of G), they do not depend on the basis of a sample's rows, and those on
 an object that turns freely in its grasps, which no measurement shows, are among them.
+
+Errors that do not depend on the smoothed values do not draw estimates. The recorded motion of a floating base tells of
+true accelerations, beside which they act as noise in the coefficients. How much lies between nothing and all that such
+noise would draw, c: the scores get the mean square of a share that may be anything between 0 and 1, c c^T / 3.
 """
 
 from __future__ import annotations
@@ -43,6 +47,7 @@ class JointNoise:
         t: (samples,) times.
         rubbing: (samples, k, freedoms) derivatives of a dry friction of unit size by the k errors.
         friction: (features,) by which the features give the size of the joint's dry friction.
+        told: whether the rows have a recorded motion of a floating base, which tells of these errors.
     """
 
     spline: Spline
@@ -54,6 +59,7 @@ class JointNoise:
     t: Array
     rubbing: Array
     friction: Array
+    told: bool
 
     def spread(self, motions: Array, features: Array) -> Array:
         """Return (samples, r, r), the covariance of the residuals of rows along motions (samples, r, freedoms)."""
@@ -66,6 +72,20 @@ class JointNoise:
         parts = np.einsum("srk,sra->ask", slopes[self.samples], G)
         weights = [E.T @ part for E, part in zip(self.evaluations, parts, strict=True)]
         return self.spline.covariance(np.sum(weights, axis=0))
+
+    def drawn(self, motions: Array, features: Array, weights: Array) -> Array:
+        """Return (features,), the mean of coefficients^T residuals if coefficients have these errors; 0 if none tells.
+
+        Args:
+            motions: (samples, r, freedoms) along which the rows are.
+            features: (features,) their values.
+            weights: (samples, r, r) which whiten the rows.
+        """
+        if not self.told:
+            return np.zeros(len(features))
+        H = _at_all(self.nodes, self.sensitivities, self.t)
+        G = np.einsum("str,srf,safp->satp", weights[self.samples], motions[self.samples], H, optimize=True)
+        return np.einsum("sab,satp,sbt->p", self.covariance, G, G @ features, optimize=True)
 
     def _of_rows(self, motions: Array, features: Array) -> Array:
         H = _at_all(self.nodes, self.sensitivities @ features, self.t) + self.rubbing * float(self.friction @ features)
@@ -112,7 +132,7 @@ def motion_noise(
             if friction[joint].any() and "qd" in one.names and recording.qd is not None:
                 slopes = friction_slope(np.ones(1), recording.qd[those, joint][None])
                 rubbing[:, one.names.index("qd"), joint] = slopes[0]
-            rest = (C, H, recording.t[nodes], t, rubbing, friction[joint])
+            rest = (C, H, recording.t[nodes], t, rubbing, friction[joint], recording.base_acceleration is not None)
             found.append(JointNoise(spline, samples, evaluations, *rest))
     return found
 

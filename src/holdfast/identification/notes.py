@@ -18,6 +18,7 @@ CHECKED_SAMPLES = 10  # samples in which they are checked
 ROUNDING_MISFIT = 1e-3  # mean square of whitened residuals below which these are rounding rather than noise
 POORLY = 2.0  # mean square of residuals, in units of the noise, above which a note is added
 MOVED_BY_ROUNDING = 0.01  # squared standard deviations below which a move by the bound of feasible bodies is rounding
+FEW_TIMES = 4  # times that are named
 SEEN = 0.01  # share of the residuals' variance above which the noise of positions is named
 ROUGH = 0.03  # noise of given accelerations, relative to their size, above which a note is added
 DENSELY = 0.3  # relative error of the trapezoidal rule, and size of a step, below which samples are close together
@@ -58,6 +59,17 @@ def notes_on_estimate(found: Estimate, motion: list[JointNoise], system: Equatio
     if system.left_out:
         notes.append(f"{system.left_out} samples at singular configurations were left out")
     return notes
+
+
+def notes_on_far(far: Array, t: Array) -> list[str]:
+    """Return a remark on samples that are left out as their residuals are beyond chance, at times t, (samples,)."""
+    if not far.any():
+        return []
+    times = ", ".join(f"{x:.4g}" for x in t[far][:FEW_TIMES].tolist()) + (" .." if far.sum() > FEW_TIMES else "")
+    return [
+        f"{int(far.sum())} samples are beyond chance and were left out, at {times} s: joints accelerate there within"
+        " less time than the samples show, as when a controller is switched on, or a measurement is wrong"
+    ]
 
 
 def note_on_positions(motion: list[JointNoise]) -> str:

@@ -5,10 +5,13 @@ A column of samples y = Phi c + noise is fitted by a spline of degree 7 whose fo
     min |y - Phi c|^2 + lambda int (x'''')^2 dt
 
 which is the posterior mean if the noise is white and the fourth derivative is white, too (Wahba 1978). lambda and the
-standard deviation of the noise have the greatest restricted likelihood. The errors of the fit and of its derivatives
-have the covariance sigma^2 L A^-1 L^T, where A = Phi^T Phi + lambda P and L evaluates them. They are not correlated
-with the fitted values, so that equations made of these are not biased towards zero, as those of noisy values are. Exact
-positions are interpolated, since their lambda is negligible.
+standard deviation of the noise have the greatest restricted likelihood. In motions that rest and then swing the fourth
+derivative is not the same throughout: one lambda flattens peaks and leaves noise in rests. A second fit has
+lambda / s(t), with the relative size s of the squared fourth derivative near t in the first fit, and is taken if it is
+more likely. The errors of the fit and of its derivatives have the covariance sigma^2 L A^-1 L^T, where
+A = Phi^T Phi + lambda P and L evaluates them. They are not correlated with the fitted values, so that equations made of
+these are not biased towards zero, as those of noisy values are. Exact positions are interpolated, since their lambda is
+negligible.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array, diags_array
 
@@ -27,6 +31,9 @@ from holdfast.spatial.scalar import Array
 SPLINE_DEGREE, PENALISED = 7, 4  # of the spline; of the penalised derivative
 FEWEST_KNOTS = 24  # spans of a spline below which its knots are not thinned
 SMOOTHEST = 1e4  # lambda, in spans, above which every second knot is dropped: float64 would not resolve it
+NEAR = 9  # spans over which sizes of the penalised derivative are averaged, twice
+LEAST_SIZE = 0.01  # that is added to these sizes, in units of their mean
+LIKELIER = 4.0  # twice the logarithm of the likelihood that uneven smoothing must gain
 LAMBDAS = np.arange(-10.0, 8.1)  # decimal logarithms that are tried first
 PERIODS = 2  # of the frequency at which the spline filters, after which its errors are independent
 OFF_STEPS = 1e-3  # largest deviation of positions from multiples of an encoder's step, in steps
@@ -65,14 +72,14 @@ def smoothing_spline(t: Array, y: Array) -> Spline:
     stride = 1
     while True:
         fit = _Fit(times, (y - y.mean()) / (size or 1.0), stride, step / np.sqrt(12.0) / (size or 1.0))
-        if fit.smoothing < SMOOTHEST or len(t) / (2 * stride) < FEWEST_KNOTS:
+        if fit.smoothing[0] < SMOOTHEST or len(t) / (2 * stride) < FEWEST_KNOTS:
             break
         stride *= 2
     values = np.array([E @ fit.coefficients for E in fit.evaluations]) * size
     values[0] += y.mean()
     scales = [1.0, unit, unit**2]
     evaluations = [csr_array(E / s) for E, s in zip(fit.evaluations, scales, strict=True)]
-    memory = int(np.ceil(PERIODS * 2.0 * np.pi * fit.smoothing ** (0.5 / PENALISED) * stride))
+    memory = int(np.ceil(PERIODS * 2.0 * np.pi * fit.smoothing[1] ** (0.5 / PENALISED) * stride))
     noise = fit.noise if fit.noise > EXACT_POSITIONS else 0.0
     return Spline(values / np.array(scales)[:, None], noise * size, evaluations, fit.triangle, memory)
 
@@ -81,7 +88,7 @@ class _Fit:
     """The spline with the most likely smoothing, for samples of unit range and mean distance.
 
     Attributes:
-        smoothing: lambda with lengths in spans of the spline.
+        smoothing: lambda with lengths in spans of the spline, and where it is largest.
         noise: standard deviation of the samples.
         coefficients: (K,) c.
         evaluations: as those of `Spline`.
@@ -95,17 +102,31 @@ class _Fit:
         width = (t[-1] - t[0]) / spans
         self.evaluations = [evaluation(knots, t, k) for k in range(3)]
         self._y, self._least = y, least_noise
-        Phi, self._bent = self.evaluations[0], csr_array(bending(knots) * width ** (PENALISED - 0.5))
+        Phi, bent = self.evaluations[0], csr_array(bending(knots) * width ** (PENALISED - 0.5))
         self._gram = banded(csr_array(Phi.T @ Phi), len(knots) - SPLINE_DEGREE - 1)
-        self._penalty = banded(csr_array(self._bent.T @ self._bent), len(knots) - SPLINE_DEGREE - 1)
         self._right = Phi.T @ y
+        cost, best = self._likeliest(bent)
+        self.smoothing = 10.0**best, 10.0**best
+        chosen = self._solved(best)
+        squares = ((bent @ chosen[2]) ** 2).reshape(-1, PENALISED).sum(axis=1)
+        if chosen[1] > EXACT_POSITIONS and squares.any():
+            near = uniform_filter1d(uniform_filter1d(squares, NEAR, mode="nearest"), NEAR, mode="nearest")
+            sizes = near / near.mean() + LEAST_SIZE
+            sizes /= np.exp(np.log(sizes).mean())
+            other, best = self._likeliest(csr_array(diags_array(np.repeat(sizes, PENALISED) ** -0.5) @ bent))
+            if other < cost - LIKELIER:
+                self.smoothing = 10.0**best, 10.0**best / float(sizes.min())
+                chosen = self._solved(best)
+        _, self.noise, self.coefficients, self.triangle = chosen
+
+    def _likeliest(self, bent: csr_array) -> tuple[float, float]:
+        """Return the least cost for a root of the penalty, and the logarithm of the lambda that has it."""
+        self._bent, self._penalty = bent, banded(csr_array(bent.T @ bent), len(self._right))
         costs = [self._solved(x)[0] for x in LAMBDAS]
         best = float(LAMBDAS[int(np.argmin(costs))])
         bounds = (best - 1.0, best + 1.0)
         found: Any = minimize_scalar(lambda x: self._solved(x)[0], bounds=bounds, method="bounded")
-        best = float(found.x) if found.fun < min(costs) else best
-        self.smoothing = 10.0**best
-        _, self.noise, self.coefficients, self.triangle = self._solved(best)
+        return (float(found.fun), float(found.x)) if found.fun < min(costs) else (min(costs), best)
 
     def _solved(self, exponent: float) -> tuple[float, float, Array, Array]:
         """Return minus twice the restricted log likelihood, the noise, c and the factor of A, for a lambda.

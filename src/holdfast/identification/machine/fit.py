@@ -17,7 +17,7 @@ are a part of W and M of their own (`motion_noise`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from scipy.stats import norm as normal
 from scipy.stats import t as student
 
 from holdfast.identification.estimate import huber_weights
-from holdfast.identification.free_fit import channel_sizes, estimated, least_noise, white_noise, whitener
+from holdfast.identification.free_fit import channel_sizes, estimated, far_off, least_noise, white_noise, whitener
 from holdfast.identification.machine.coloured_noise import Autoregression, autoregressions
 from holdfast.identification.machine.rows import MachineRows
 from holdfast.identification.machine.unknowns import MachineUnknowns
@@ -61,6 +61,7 @@ class MachineFit:
         outliers: share of the rows whose weight Huber's loss reduces.
         freedoms: degrees of freedom from which the noise of a channel was estimated; infinite if it was given.
         motion_share: part of the whitened residuals' variance that the noise of positions explains.
+        far: (samples,) which were left out, as their residuals are beyond chance (`free_fit`).
     """
 
     z: Array
@@ -76,6 +77,7 @@ class MachineFit:
     outliers: float
     freedoms: float
     motion_share: float
+    far: Array
 
     def widened(self, chance: float) -> float:
         """Return how much wider intervals are than normal ones, as the noise is an estimate itself (Student 1908).
@@ -106,6 +108,23 @@ def machine_fit(
         coloured: whether the covariance is that of noise that depends on its past.
         motion: the errors of smoothed positions.
     """
+    whole = _settled(rows, unknowns, kinds, given, huber, coloured, motion)
+    if not whole.far.any():
+        return whole
+    left = replace(rows, used=rows.used & ~whole.far[:, None])
+    return replace(_settled(left, unknowns, kinds, given, huber, coloured, motion), far=whole.far)
+
+
+def _settled(
+    rows: MachineRows,
+    unknowns: MachineUnknowns,
+    kinds: Array,
+    given: Array | None,
+    huber: bool,
+    coloured: bool,
+    motion: Sequence[JointNoise],
+) -> MachineFit:
+    """Return the estimate from all rows, with weights that agree with it; see `machine_fit`."""
     sizes = channel_sizes(rows.y, kinds)
     least = least_noise(rows.y, sizes)
     if motion:
@@ -156,6 +175,7 @@ def machine_fit(
         outliers=float((weights < 1.0).mean()),
         freedoms=np.inf if given is not None else max((at.counted - spent) / len(noise) / repetition, 1.0),
         motion_share=0.0 if at.share is None else float(np.einsum("srr->", at.share)) / rows.b.size,
+        far=far_off(at.whitened) if motion else np.zeros(len(rows.b), bool),
     )
 
 
@@ -258,6 +278,9 @@ class _Point:
             raw = np.swapaxes(self.W, 1, 2) @ (self.columns * (weights**2)[:, :, None]) @ T
             for one in self.motion:
                 M += one.score(self.rows.N, self.features, raw)
+            drawn = np.zeros(len(self.z))
+            drawn[: len(self.x)] = sum(one.drawn(self.rows.N, self.features, self.W)[:-1] for one in self.motion)
+            M += np.outer(drawn @ T, drawn @ T) / 3.0
         if not coloured or all(len(one.a) == 1 for one in processes):
             if not self.motion:
                 return self.information(weights, around), processes, 1.0

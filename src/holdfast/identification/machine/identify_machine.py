@@ -27,7 +27,7 @@ from holdfast.identification.machine.rows import (
 )
 from holdfast.identification.machine.unknowns import GAINS, KINDS, ON_JOINTS, MachineUnknowns, machine_unknowns
 from holdfast.identification.motion_noise import motion_noise
-from holdfast.identification.notes import SEEN, note_on_positions, notes_on_grasps
+from holdfast.identification.notes import SEEN, note_on_positions, notes_on_far, notes_on_grasps
 from holdfast.identification.recording import Recording
 from holdfast.identification.suspicions import suspicions
 from holdfast.model import checks
@@ -131,7 +131,7 @@ def identify_machine(
     motion = motion_noise(smoothed, rows.kept, as_forces, friction_of_features(unknowns, chain.joint_count))
     fit = machine_fit(rows, unknowns, channel_kinds(chain, by), noise, huber, motion=motion)
     found = machine_of(chain, unknowns, rows, fit, largest)
-    notes = found.notes
+    notes = (*found.notes, *notes_on_far(fit.far, rows.t))
     if fit.motion_share > SEEN:
         notes = (*notes, note_on_positions(motion))
 
