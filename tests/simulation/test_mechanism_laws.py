@@ -7,12 +7,21 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import ModelError
+from holdfast.simulation.rollout import mechanism_steppers
 from holdfast.simulation.rollout.mechanism_steppers import FusedMechanismStepper, MechanismSteppers
 from tests.longer import mostly_long
 from tests.simulation.test_mechanism_limits import held_box, pendulum
 from tests.systems.branched import branched_problems, palletiser, swinging
 
 STEP, STEPS = 1e-3, 60
+
+
+@pytest.fixture(autouse=True)
+def whole_steps(monkeypatch):
+    """Let runs of any length have code of whole steps."""
+    monkeypatch.setattr(mechanism_steppers, "WHOLE_STEPS_FROM", 1)
+
+
 SAME = ("t", "q", "qd", "qdd", "tau", "grasp_wrench", "coupling_force", "work", "kinetic", "potential", "object_pose")
 
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ import holdfast as hf
 from holdfast.forces.force_split import split
 from holdfast.simulation import run as run_module
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.rollout import mechanism_steppers
 from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER
 from holdfast.simulation.run import FEWEST_TOGETHER, Pace
 from holdfast.simulation.stepper import ReferenceStepper
@@ -152,7 +154,8 @@ def branched(name: str, chain: Any = None, **options: Any) -> Callable[[], Any]:
     def run(**more: Any) -> hf.simulation.Trajectory:
         whole, state, tau = branched_problems()[name]
         law = swinging(tau)
-        return hf.simulate(whole if chain is None else chain(), state, law, STEPS * STEP, STEP, **options, **more)
+        with mock.patch.object(mechanism_steppers, "WHOLE_STEPS_FROM", 1):
+            return hf.simulate(whole if chain is None else chain(), state, law, STEPS * STEP, STEP, **options, **more)
 
     return run
 

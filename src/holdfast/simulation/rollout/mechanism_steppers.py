@@ -1,7 +1,8 @@
 """The steppers of a run of a chain that is answered as a forest, and the choice among them.
 
-As of serial chains, a whole step is one call of machine code, that of rollouts, if the law can be compiled and wrenches
-are constant. Otherwise the forest is machine code, and the law and what acts are evaluated in Python at every stage.
+As of serial chains, a whole step is one call of machine code, that of rollouts, if the law can be compiled, wrenches
+are constant, and the run is long. Otherwise the forest is machine code, and the law and what acts are evaluated in
+Python at every stage.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Advance
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
+
+WHOLE_STEPS_FROM = 1000  # steps: code of a whole step takes some ten seconds longer to compile, and saves milliseconds
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,8 +149,8 @@ class MechanismSteppers:
         if rank < 0 or (self._steps < STEPS_WORTH_COMPILING and not scheme.adaptive):
             return reference
         engine = self._engine = CompiledForestEngine(forest, rank)
-        constant = isinstance(environment.inputs, Inputs)
-        law = _compilable(controller, environment.chain) if constant and not scheme.adaptive else None
+        whole = isinstance(environment.inputs, Inputs) and not scheme.adaptive and self._steps >= WHOLE_STEPS_FROM
+        law = _compilable(controller, environment.chain) if whole else None
         if law is None or (engine.costly and rank < forest.constraint_row_count):
             return MechanismStepper(environment, controller, engine, *of)
         options = options_for(environment)
