@@ -45,6 +45,7 @@ def main() -> int:
         guess = hf.HeldObject(
             0.5 * chain.held_object.mass, 0.7 * chain.held_object.inertia, 0.8 * chain.held_object.com
         )
+        assert exact.tau is not None
         model, right = replace(chain, held_object=guess), values(chain.held_object)[of]
         for size in POSITIONS:
             errors, inside, left_out = [], 0, 0

@@ -40,7 +40,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     cases = {each.lower(): each for each in reversed(known)}
     for cutoff in (SURE, 0.6 if len(str(name)) > 4 else 0.5):
         near = difflib.get_close_matches(str(name), known, n=1, cutoff=cutoff)
-        near = near or [cases[each] for each in difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=cutoff)]
+        any_case = difflib.get_close_matches(str(name).lower(), cases, n=1, cutoff=max(cutoff, 0.6))
+        near = near or [cases[each] for each in any_case]
         if near:
             break
     hint = f" Did you mean '{near[0]}'?" if near else ""

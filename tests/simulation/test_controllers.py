@@ -156,7 +156,7 @@ def test_undeclared_parameters_of_rollouts():
     """The nearest that was declared is named."""
     chain, state = problem("one")
     law = ControlLaw(lambda t, x, m, given: (-given["kd"] * x.qd, m), parameters={"kp": ()})
-    with pytest.raises(StateError, match=r"parameter 'kd' was not declared\. Did you mean 'kp'\? Try ControlLaw"):
+    with pytest.raises(StateError, match=r"'kd' was not declared\. Did you mean 'kp'\? Known: kp\. Try ControlLaw"):
         compile_rollout(chain, law).start(**arrays(state), kp=1.0)
     with pytest.raises(ModelError, match="parameters: expected names such as 'gain', got 3"):
         ControlLaw(law.torque, parameters={3: ()})  # pyright: ignore[reportArgumentType]

@@ -70,6 +70,7 @@ def split(
         StateError: a shape is wrong.
         ModelError: there is no such object.
     """
+    checks.instance(chain, ClosedChain, "split: chain")
     name, forest = _object(chain, of), answered_as_forest(chain)
     (require_state if forest else require_fit)(chain, state)
     count = len(chain.as_forest.closures) if forest else len(chain.arms)

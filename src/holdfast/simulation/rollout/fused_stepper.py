@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -90,7 +90,7 @@ class FusedStepper:
         generic_rank: int,
         values: Mapping[str, Array] | None = None,
         tolerance: Tolerance | None = None,
-    ) -> FusedStepper:
+    ) -> Self:
         """Return the stepper for a law with the given values of its parameters."""
         motions, options = environment.base_motion, replace(options_for(environment), adaptive=scheme.adaptive)
         kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=motions, options=options, quick=True)

@@ -127,7 +127,7 @@ class SuccessiveSteps:
         blank, inputs, jumps, driven = self._taken
         count, anew = len(steps), self._ends.anew
         size = 1 << (count - 1).bit_length()  # memory for few sizes serves all counts; the last point fills it
-        steps, lengths = ([*x, *x[-1:] * (size - count)] for x in (steps, lengths))
+        steps, lengths = [*steps, *[steps[-1]] * (size - count)], [*lengths, *[lengths[-1]] * (size - count)]
         memory = self._again.get(size)
         if memory is None:
             memory = self._again[size] = CarriedArrays(self.kernel, 1, size)
