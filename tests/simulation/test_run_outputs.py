@@ -15,6 +15,7 @@ from holdfast.cli import main
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.io.model_data import model_data, model_of
 from holdfast.model.fingerprint import fingerprint
+from holdfast.simulation.events import Occurrence
 from holdfast.simulation.trajectory import array_names
 from holdfast.view import inline
 from holdfast.view.link_meshes import meshes_in_files
@@ -328,3 +329,9 @@ def test_in_a_notebook(run, monkeypatch):
     assert "<img" not in run._repr_html_()
     with pytest.raises(hf.errors.MissingExtra, match=r"pip install 'holdfast\[plot\]'"):
         run.plot()
+
+
+def test_an_entry_of_the_log_reads_as_one_line():
+    """Its time, its kind and its text; the numbers stay in its attributes."""
+    entry = Occurrence(0.25, "lift", "foot/table", "'foot/table' lifts", impulse=(0.0, 0.0, 1.0))
+    assert str(entry) == "0.25 s, lift: 'foot/table' lifts"
