@@ -24,7 +24,7 @@ from benchmarks.bench.clock import least_time
 from benchmarks.bench.systems import facing_pandas
 from holdfast.cli.doctor import processor
 
-STEP, STEPS, ROUNDS, MANY = 1e-3, 500, 5, 1000
+STEP, STEPS, ROUNDS, MANY = 1e-3, 1000, 5, 1000
 BEGIN, END = "<!-- cost:begin -->\n", "<!-- cost:end -->\n"
 
 
