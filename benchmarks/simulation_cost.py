@@ -3,7 +3,7 @@
 Run it with HOLDFAST_COMPILE unset, on a quiet machine; `--write` puts the table into the page, `--rollouts` prints the
 steps of rollouts alone, among them those of hands with two fingers each, beside the operations of a step.
 
-python benchmarks/simulation_cost.py [--write docs/limitations.md | --rollouts]
+python benchmarks/simulation_cost.py [--only TEXT] [--write docs/limitations.md | --rollouts]
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def with_grippers(serial: hf.ClosedChain, state: hf.State) -> tuple[hf.ClosedCha
     return chain, hf.State(q, np.zeros(len(q)), state.object_pose)
 
 
-def costs() -> Iterator[tuple[str, float]]:
-    """Yield what is run, and the processor time of a step [us]."""
+def costs(only: str | None = None) -> Iterator[tuple[str, float]]:
+    """Yield what is run, and the processor time of a step [us]; with `only`, of the runs that are named like this."""
     rigid, state = facing_pandas()
     hold = hf.holding_torques(rigid, state, internal_force=40.0)
 
@@ -99,8 +99,12 @@ def costs() -> Iterator[tuple[str, float]]:
         ),
     )
     for what, chain, start, controller, options in runs:
+        if only is not None and only not in what:
+            continue
         run = lambda c=chain, x=start, f=controller, o=options: hf.simulate(c, x, f, STEPS * STEP, STEP, **o)  # noqa: E731
         yield what, 1e6 * least_time(run, 1, ROUNDS) / STEPS
+    if only is not None:
+        return
     rollout = hf.compile_rollout(rigid, law)
     for count in (1, MANY):
         steps = STEPS if count == 1 else 20
@@ -138,9 +142,14 @@ def of_rollouts() -> Iterator[str]:
             )
 
 
+def row(what: str, cost: float) -> str:
+    """Return a row of the table."""
+    return f"| {what} | {cost:,.{0 if cost >= 10 else 1}f} us |"
+
+
 def table() -> str:
     """Return the table of costs as Markdown."""
-    rows = [f"| {what} | {cost:,.{0 if cost >= 10 else 1}f} us |" for what, cost in costs()]
+    rows = [row(*one) for one in costs()]
     name = processor()[0]
     return "\n".join(
         ["| two Pandas and a box, steps of 1 ms | processor time of a step or call |", "|---|---|", *rows]
@@ -152,7 +161,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", type=Path, help="the page")
     parser.add_argument("--rollouts", action="store_true", help="rollouts alone")
+    parser.add_argument("--only", help="the runs that are named like this, whose rows alone are written")
     asked = parser.parse_args()
+    if asked.only is not None:
+        lines = [] if asked.write is None else asked.write.read_text().split("\n")
+        for what, cost in costs(asked.only):
+            print(row(what, cost))
+            lines = [row(what, cost) if line.startswith(f"| {what} |") else line for line in lines]
+        if asked.write is not None:
+            asked.write.write_text("\n".join(lines))
+        return
     if asked.rollouts:
         for line in of_rollouts():
             print(line)
