@@ -64,8 +64,12 @@ class CompiledResponses(RestResponses):
         return compile(self.chain).closure.bind()
 
     @cached_property
+    def _code_of_rows(self) -> Kernel:
+        return _rows_kernel(self.touched)
+
+    @cached_property
     def _rows(self) -> Bound:
-        return _rows_kernel(self.touched).bind()
+        return self._code_of_rows.bind()
 
     def rows(self, state: State) -> ContactRows:
         """Return the contacts' rows."""
@@ -80,7 +84,7 @@ class CompiledResponses(RestResponses):
 
     def gaps_of(self, pose: Array, twist: Array) -> Array:
         """Return the contacts' gaps (..., k) of objects with poses (..., 7) and twists (..., 6), as in `rows`."""
-        code = _rows_kernel(self.touched)
+        code = self._code_of_rows
         lead = pose.shape[:-1]
         count = math.prod(lead)
         given = {"object_pose": pose, "object_twist": twist}

@@ -13,8 +13,9 @@ import numpy as np
 
 from holdfast.control.controller import Controller
 from holdfast.control.traced_law import law_of
-from holdfast.dynamics.contact.fixed_modes import ContactModes, touch_with
+from holdfast.dynamics.contact.fixed_modes import ContactModes, Touch, touch_with
 from holdfast.dynamics.contact.solved_contacts import ContactMode, ContactStatus
+from holdfast.questions.arrays import state_of
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.contact_stepper import TOUCH_WRENCH, ContactStepper
@@ -47,8 +48,7 @@ class OpenContactStepper(FusedStepper):
     def instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         """Return one of several systems as an instant with its contacts; see `FusedStepper`."""
         made = super().instant(systems, row, t, memory)
-        state = State(*made.joints[:2], systems["object_pose"][row], systems["object_twist"][row])
-        vars(made)["touch"] = touch_with(self.responses, state, np.zeros(6), self.modes)
+        vars(made)["touch"] = self._touch(state_of(systems, row))
         return made
 
     def take(
@@ -73,7 +73,11 @@ class OpenContactStepper(FusedStepper):
 
     def _whole(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         made = super()._whole(systems, row, t, memory)
-        return replace(made, touch=touch_with(self.responses, made.state, np.zeros(6), self.modes))
+        return replace(made, touch=self._touch(made.state))
+
+    def _touch(self, state: State) -> Touch:
+        """Return the open contacts at a state, which need no acceleration."""
+        return touch_with(self.responses, state, np.zeros(6), self.modes)
 
     def _with_contacts(self, x: Mapping[str, Array]) -> Systems:
         """Return the arrays of systems (..., *shape) with those of their open contacts."""
