@@ -13,7 +13,7 @@ from holdfast.control.internal_force import InternalForce
 from holdfast.control.law_parts import CommandedMotion, GraspForces, LawInput, NullMotion
 from holdfast.control.posture_control import PostureControl
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.errors import MethodNotApplicable, ModelError
+from holdfast.errors import MethodNotApplicable
 from holdfast.forces.limits import ForceCost, ForceLimits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -72,10 +72,7 @@ def cooperative_law(
     serial_chain(chain, "cooperative law: chain")
     parts = {"motion": (motion, CommandedMotion), "forces": (forces, GraspForces), "posture": (posture, NullMotion)}
     for name, (part, kind) in parts.items():
-        if not isinstance(part, kind):
-            raise ModelError(
-                f"cooperative law: {name}: expected {kind.__name__}, got {type(part).__name__}; try {EXAMPLES[name]}"
-            )
+        checks.instance(part, kind, f"cooperative law: {name}", advice=f"try {EXAMPLES[name]}")
     if not chain.grasps:
         raise MethodNotApplicable("cooperative_law: expected arms that hold the object, got a chain without grasps")
     parameters = {}

@@ -110,12 +110,14 @@ def symmetric_matrix(value: Any, what: str) -> Array:
     return read_only(0.5 * J + 0.5 * J.T)
 
 
-def instance(value: Any, kind: type | tuple[type, ...], what: str, error: type[HoldfastError] = ModelError) -> None:
-    """Check the type of a value."""
+def instance(
+    value: Any, kind: type | tuple[type, ...], what: str, error: type[HoldfastError] = ModelError, advice: str = ""
+) -> None:
+    """Check the type of a value; the error ends with the advice."""
     if not isinstance(value, kind):
         kinds = kind if isinstance(kind, tuple) else (kind,)
         expected = " or ".join("None" if k is type(None) else k.__name__ for k in kinds)
-        raise error(f"{what}: expected {expected}, got {type(value).__name__}")
+        raise error(f"{what}: expected {expected}, got {type(value).__name__}{'; ' * bool(advice)}{advice}")
 
 
 def name(value: Any, what: str) -> None:
