@@ -35,8 +35,8 @@ from holdfast.identification import Prior, Recording, next_motion
 from holdfast.identification.machine.fit import machine_fit
 from holdfast.identification.machine.identify_machine import Machine, machine_of
 from holdfast.identification.machine.log_cholesky import coordinates_of
-from holdfast.identification.machine.rows import MachineRows, machine_rows
 from holdfast.identification.machine.unknowns import MachineUnknowns, machine_unknowns
+from holdfast.identification.rows import RecordedRows, rows_of
 from holdfast.robots import HOME, panda
 from holdfast.robots.panda import FR3_ARMATURE
 from holdfast.simulation.joint_friction import friction_torque
@@ -80,12 +80,12 @@ class Truth:
         return z
 
 
-def equations_of(chain: hf.ClosedChain, given: Recording) -> tuple[MachineRows, MachineUnknowns]:
+def equations_of(chain: hf.ClosedChain, given: Recording) -> tuple[RecordedRows, MachineUnknowns]:
     """Return rows and unknowns of a model that has the guess of the box and no friction."""
     assert given.tau is not None
     model = replace(chain, held_object=GUESS)
     unknowns = machine_unknowns(model, "tau", KINDS, Prior(), given.tau, np.ones(chain.joint_count), DURATION)
-    return machine_rows(model, [given], unknowns), unknowns
+    return rows_of(model, [given], unknowns), unknowns
 
 
 def telling(chain: hf.ClosedChain, state: hf.State, rate: float) -> Recording:
@@ -195,7 +195,7 @@ class Line:
     average: int
 
     @staticmethod
-    def about(rows: MachineRows, unknowns: MachineUnknowns, z: np.ndarray, sizes: np.ndarray, average: int) -> Line:
+    def about(rows: RecordedRows, unknowns: MachineUnknowns, z: np.ndarray, sizes: np.ndarray, average: int) -> Line:
         """Return the fit of rows, about coordinates z, for noise of a size at full rate."""
         L = np.linalg.cholesky((rows.P * sizes**2) @ rows.P.transpose(0, 2, 1) / average)
         J, P = np.linalg.solve(L, rows.A @ unknowns.x(z)[1]), np.linalg.solve(L, rows.P * sizes)
@@ -235,7 +235,12 @@ def limit(dimensions: int, freedoms: float) -> float:
 
 
 def show_bounds(
-    rows: MachineRows, unknowns: MachineUnknowns, F: np.ndarray, bound: np.ndarray, right: np.ndarray, noise: np.ndarray
+    rows: RecordedRows,
+    unknowns: MachineUnknowns,
+    F: np.ndarray,
+    bound: np.ndarray,
+    right: np.ndarray,
+    noise: np.ndarray,
 ) -> None:
     """Print the Cramer-Rao bounds of single coefficients of damping and dry friction, in percent.
 

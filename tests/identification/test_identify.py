@@ -10,8 +10,9 @@ from scipy.stats import binom, chi2
 
 import holdfast as hf
 from holdfast.identification import Recording
-from holdfast.identification.equations import Settings, equations, unknowns_of
+from holdfast.identification.equations import equations
 from holdfast.identification.estimate import estimate
+from holdfast.identification.payload_unknowns import Settings, unknowns_of
 from tests.identification.recorded import BOX, noisy, recorded, two_pandas
 from tests.longer import mostly_slow
 

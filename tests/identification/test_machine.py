@@ -13,14 +13,13 @@ from scipy.signal import lfilter
 import holdfast as hf
 from holdfast.dynamics import inertial_parameters
 from holdfast.errors import ModelError, StateError
-from holdfast.identification import Prior, Recording, measurement_errors
+from holdfast.identification import Prior, Recording, instants, measurement_errors
 from holdfast.identification.feasible_bodies import is_feasible
-from holdfast.identification.machine import instants
 from holdfast.identification.machine.coloured_noise import autoregressions
 from holdfast.identification.machine.identify_machine import moving, without_object
 from holdfast.identification.machine.log_cholesky import body_at, coordinates_of, no_thinner, reference_factor
-from holdfast.identification.machine.rows import forces_without_friction
 from holdfast.identification.machine.unknowns import machine_unknowns
+from holdfast.identification.rows import forces_without_friction
 from holdfast.robots import HOME, panda
 from holdfast.simulation.joint_friction import friction_torque
 from tests.identification.recorded import BOX, recorded, two_pandas

@@ -10,10 +10,10 @@ import pytest
 
 import holdfast as hf
 from holdfast.dynamics import inertial_parameters
-from holdfast.identification import Prior, Recording
-from holdfast.identification.machine import instants
-from holdfast.identification.machine.rows import equations_at
-from holdfast.identification.machine.unknowns import machine_unknowns, named_bodies
+from holdfast.identification import Prior, Recording, instants
+from holdfast.identification.completed import OBJECT_MOTION, completed
+from holdfast.identification.machine.unknowns import machine_unknowns
+from holdfast.identification.rows import channels, equations_at, named_bodies, terms_of
 from tests.systems.as_chain import Problem
 from tests.systems.problems import random_problem
 from tests.systems.trunk_problems import on_trunk
@@ -109,6 +109,41 @@ def test_machine_code_of_many_samples_gives_the_equations_of_a_few(floating, mon
     assert (ranks == few[4]).all()
     right = np.concatenate([inertial_parameters(p.chain.held_object), *bodies(p.chain)])
     assert np.abs(A @ right + b - np.einsum("src,sc->sr", P, recording.tau)).max() < 1e-7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("many", [False, True])
+@pytest.mark.parametrize("floating", [False, True])
+def test_wrists_explain_what_the_object_did(floating, many, monkeypatch):
+    """By few samples and by many, whose pieces machine code finds; the object's motion is that of the tips."""
+    p, recording = recorded(floating)
+    monkeypatch.setattr(instants, "MANY", 1 if many else SAMPLES + 1)
+    unseen = replace(recording, object_pose=None, object_twist=None, object_acceleration=None)
+    whole = completed(p.chain, unseen)
+    for name in OBJECT_MOTION:
+        found, true = getattr(whole, name), getattr(recording, name)
+        assert np.abs(found - true).max() < 1e-8 * max(1.0, float(np.abs(true).max())), name
+    assert recording.wrist_wrench is not None
+    for by, rows in (("wrist_wrench", 6), ("wrist_force", 3)):
+        of_wrists = replace(whole, wrist_force=recording.wrist_wrench[:, :, 3:])
+        A, b, _, P, _ = equations_at(p.chain, of_wrists, terms_of(p.chain, by, ("payload", "sensor_drift")))
+        assert A.shape[1:] == (rows, 10 + 2 * rows)
+        y = channels(p.chain, of_wrists, by)
+        left = A[:, :, :10] @ inertial_parameters(p.chain.held_object) + b - np.einsum("src,sc->sr", P, y)
+        assert np.abs(left).max() < 1e-7
+        assert np.abs(A[:, :, 10:] - P * recording.t[:, None, None]).max() == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("many", [False, True])
+def test_a_pose_that_is_none_is_refused(many, monkeypatch):
+    p, recording = recorded(False)
+    monkeypatch.setattr(instants, "MANY", 1 if many else SAMPLES + 1)
+    assert recording.object_pose is not None
+    wrong = recording.object_pose.copy()
+    wrong[3, :4] *= 1.2
+    with pytest.raises(hf.errors.StateError, match=r"object_pose: expected unit quaternions .* length 1.2 at 3 s"):
+        hf.identify(p.chain, replace(recording, object_pose=wrong), by="tau")
 
 
 def bodies(chain: hf.ClosedChain) -> list[np.ndarray]:

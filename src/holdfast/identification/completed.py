@@ -6,16 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.dynamics.arm.free_dynamics import tip_acceleration
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.errors import StateError
+from holdfast.identification.instants import tips
 from holdfast.identification.recording import FEWEST_SAMPLES, Recording
 from holdfast.identification.smoothing import Spline, smoothing_spline
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.pose import Pose
+from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import twist_shift
-from holdfast.state import Inputs, State
 
 OBJECT_MOTION = ("object_pose", "object_twist", "object_acceleration")
 FLOATING_MOTION = ("base_pose", "base_twist", "base_acceleration")
@@ -75,38 +72,35 @@ def completed(chain: ClosedChain, given: Recording) -> Recording:
     rigid = [name for name, grasp in chain.grasps.items() if not grasp.free]
     if not rigid:
         raise StateError(f"recording: expected {', '.join(lacking)}, as no grasp is rigid and would give it; got none")
-    rows = [_object_motion(chain, rigid, given, k) for k in range(len(given))]
-    found = {name: np.array(parts) for name, parts in zip(OBJECT_MOTION, zip(*rows, strict=True), strict=True)}
+    found = _object_motion(chain, rigid, given)
     return replace(given, **{name: found[name] for name in lacking})
 
 
-def _object_motion(chain: ClosedChain, rigid: list[str], given: Recording, k: int) -> tuple[Array, Array, Array]:
-    """Return pose, twist and acceleration of the object in a sample, from the tips that hold it rigidly.
+def _object_motion(chain: ClosedChain, rigid: list[str], given: Recording) -> dict[str, Array]:
+    """Return the motion of the object that is not recorded, from the tips that hold it rigidly.
 
     The pose follows from the first of these tips; twist and acceleration are least-squares fits to all of them.
     """
-    assert given.qd is not None and given.qdd is not None
-    inputs = (given.inputs or Inputs()).shaped(chain)
-    q, qd, qdd = given.q[k], given.qd[k], given.qdd[k]
-
-    def moving(pose: Array, twist: Array) -> ChainMotion:
-        state = given.on_base(k, State(q, qd, pose, twist))
-        return chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
-
-    pose = np.r_[1.0, np.zeros(6)]
-    arms = moving(pose, np.zeros(6)).arms
+    places = [list(chain.grasps).index(name) for name in rigid]
+    R, p, twists, accelerations = (x[:, places] for x in tips(chain, given).values())
     if given.object_pose is None:
-        pose = (arms[rigid[0]].at.tip @ chain.grasps[rigid[0]].frame.inverse()).wxyz_xyz
+        inverse = chain.grasps[rigid[0]].frame.inverse()
+        turns, points = R[:, 0] @ inverse.R, p[:, 0] + R[:, 0] @ inverse.p
+        poses = np.column_stack([[rotation.to_quaternion(turn) for turn in turns], points])
     else:
-        pose = given.object_pose[k]
-    R = Pose.from_wxyz_xyz(pose).R
-    A = np.concatenate([twist_shift(R @ chain.grasps[name].frame.p) for name in rigid])
-    twists = np.concatenate([arms[name].tip_twist for name in rigid])
-    twist = np.linalg.lstsq(A, twists, rcond=None)[0] if given.object_twist is None else given.object_twist[k]
-    found = moving(pose, twist)
-    carried = found.trunk.carried(qdd, None if given.base_acceleration is None else given.base_acceleration[k])
-    centripetal = {c: held.a for c, held in zip(chain.grasps, found.contacts, strict=True)}
-    tips = []
-    for name in rigid:
-        tips.append(tip_acceleration(arms[name], qdd[chain.joints[name]], carried.get(name)) - centripetal[name])
-    return pose, twist, np.linalg.lstsq(A, np.concatenate(tips), rcond=None)[0] + pseudo_gravity(chain)
+        poses = given.object_pose
+        unit = poses[:, :4] / np.linalg.norm(poses[:, :4], axis=1, keepdims=True)
+        turns = np.array([rotation.from_quaternion(wxyz) for wxyz in unit])
+    offsets = np.einsum("sij,gj->sgi", turns, [chain.grasps[name].frame.p for name in rigid])
+    A = np.tile(np.eye(6), (*offsets.shape[:2], 1, 1))
+    A[:, :, 3:, :3] = np.cross(np.eye(3), offsets[:, :, None]).swapaxes(2, 3)  # w x l
+    A = A.reshape(len(given), -1, 6)
+    fit = np.linalg.pinv(A)
+
+    def fitted(x: Array) -> Array:
+        return np.einsum("sir,sr->si", fit, x.reshape(len(given), -1))
+
+    found = {"object_pose": poses, "object_twist": fitted(twists) if given.object_twist is None else given.object_twist}
+    w = found["object_twist"][:, None, :3]
+    centripetal = np.cross(w, np.cross(w, offsets))
+    return found | {"object_acceleration": fitted(accelerations - np.concatenate([0.0 * centripetal, centripetal], 2))}

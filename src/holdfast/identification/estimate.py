@@ -21,13 +21,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from holdfast.errors import StateError
-from holdfast.identification.equations import Equations, PayloadUnknowns
+from holdfast.identification.equations import Equations
 from holdfast.identification.feasible_bodies import best_feasible, is_feasible
 from holdfast.identification.free_fit import FreeFit, free_fit
 from holdfast.identification.motion_noise import JointNoise
+from holdfast.identification.payload_unknowns import PayloadUnknowns
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
@@ -363,7 +364,7 @@ def autocorrelation_of(e: Array, memory: int) -> Autocorrelation:
                 *((x, count) for x in ratios.tolist()),
                 (float(ratios.mean()), count * len(ratios)),
             ]:
-                low, high = chi2.ppf([CHANCE, 1.0 - CHANCE], freedoms) / freedoms
+                low, high = chdtri(freedoms, [1.0 - CHANCE, CHANCE]) / freedoms
                 if ratio > high:
                     widening = max(widening, ratio)
                 coloured = coloured or not low < ratio < high

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.stats import chi2
+from scipy.special import chdtri
 
-from holdfast.identification.equations import Equations, PayloadUnknowns
+from holdfast.identification.equations import Equations
 from holdfast.identification.motion_noise import JointNoise
+from holdfast.identification.payload_unknowns import PayloadUnknowns
 from holdfast.identification.smoothing import encoder_step
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
@@ -80,7 +81,7 @@ def free_fit(
 def far_off(e: Array) -> Array:
     """Return which samples have whitened residuals e, (samples, r), beyond chance; none if these are many."""
     squares, r = (e * e).sum(axis=1), e.shape[1]
-    far = squares > chi2.isf(BEYOND_CHANCE, r) * max(float(np.median(squares) / chi2.median(r)), 1.0)
+    far = squares > chdtri(r, BEYOND_CHANCE) * max(float(np.median(squares) / chdtri(r, 0.5)), 1.0)
     return far & (far.mean() <= MOST_FAR)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from holdfast.errors import ModelError, StateError
 from holdfast.identification.base_parameters import parts_kept, sentences
 from holdfast.identification.completed import completed, differentiated
-from holdfast.identification.equations import Equations, PayloadUnknowns, Settings, equations, unknowns_of
+from holdfast.identification.equations import Equations, equations
 from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.feasible_bodies import is_feasible
 from holdfast.identification.grasp_frames import fitting, measured_grasps
@@ -24,6 +24,7 @@ from holdfast.identification.machine.prior import Prior
 from holdfast.identification.machine.unknowns import KINDS, required_kinds
 from holdfast.identification.motion_noise import payload_noise
 from holdfast.identification.notes import notes_on_estimate, notes_on_far, notes_on_grasps, notes_on_motion
+from holdfast.identification.payload_unknowns import PayloadUnknowns, Settings, unknowns_of
 from holdfast.identification.recording import Recording
 from holdfast.identification.suspicions import suspicions_of_motion
 from holdfast.io.result_reader import Result

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as fisher
+from scipy.special import chdtri, fdtri
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
@@ -52,4 +51,4 @@ def in_region(
     C = covariance[np.ix_(of, of)]
     sizes = np.sqrt(np.diag(C))
     distance = float(error / sizes @ np.linalg.solve(C / np.outer(sizes, sizes), error / sizes))
-    return distance < (float(chi2.ppf(p, k)) if np.isinf(freedoms) else k * float(fisher.ppf(p, k, freedoms)))
+    return distance < (float(chdtri(k, 1.0 - p)) if np.isinf(freedoms) else k * float(fdtri(k, freedoms, p)))

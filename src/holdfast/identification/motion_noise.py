@@ -14,18 +14,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded
 from scipy.sparse import csr_array
 
-from holdfast.identification.completed import Smoothed, completed
-from holdfast.identification.equations import Equations, Settings, rows_of_samples
+from holdfast.identification.completed import Smoothed
+from holdfast.identification.equations import Equations, payload_forces
+from holdfast.identification.payload_unknowns import Settings
 from holdfast.identification.recording import Recording
 from holdfast.identification.smoothing import Spline
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.joint_friction import friction_slope, friction_torque, joint_friction
+from holdfast.simulation.joint_friction import friction_slope, joint_friction
 from holdfast.spatial.scalar import Array
 
 NODES, A_PERIOD, AT_ENDS = (40, 400), 8, 4  # samples with sensitivities: of all, per period, at each end
@@ -143,11 +145,8 @@ def payload_noise(
     """Return the errors of all joints in the equations of a payload."""
     friction = np.zeros((chain.joint_count, system.rows.shape[2]))
     if settings.source == "tau":
-        friction[:, _known(settings)] = joint_friction(chain)
-
-    def as_forces(given: Sequence[Recording]) -> list[Array]:
-        return [_as_forces(chain, one, settings) for one in given]
-
+        friction[:, -4 if settings.gravity else -1] = joint_friction(chain)
+    as_forces = partial(payload_forces, chain, settings=settings)
     return motion_noise(recordings, system.kept, as_forces, friction)
 
 
@@ -168,22 +167,6 @@ def _moved(recording: Recording, name: str, joint: int) -> Recording:
     x = getattr(recording, name).copy()
     x[:, joint] += DIFFERENCE
     return replace(recording, **{name: x})
-
-
-def _known(settings: Settings) -> int:
-    """Return the feature of what is known."""
-    return -4 if settings.gravity else -1
-
-
-def _as_forces(chain: ClosedChain, recording: Recording, settings: Settings) -> Array:
-    """Return (samples, freedoms, features) of the equations of a payload, without dry friction."""
-    found = []
-    for k, (rows, motions, maps, _) in enumerate(rows_of_samples(chain, completed(chain, recording), settings)):
-        smooth = rows.copy()
-        if settings.source == "tau" and recording.qd is not None:
-            smooth[:, _known(settings)] -= maps @ friction_torque(joint_friction(chain), recording.qd[k])
-        found.append(motions.T @ smooth)
-    return np.array(found)
 
 
 def _covariances(spline: Spline, count: int, nodes: Array) -> Array:

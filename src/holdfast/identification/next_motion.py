@@ -14,9 +14,9 @@ from holdfast.identification.load_recording import recording_of
 from holdfast.identification.machine.fit import information_of
 from holdfast.identification.machine.identify_machine import moving, without_object
 from holdfast.identification.machine.prior import Prior
-from holdfast.identification.machine.rows import machine_rows
 from holdfast.identification.machine.unknowns import machine_unknowns, required_kinds
 from holdfast.identification.recording import FEWEST_SAMPLES, Recording
+from holdfast.identification.rows import rows_of
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.serial_chain import serial_chain
@@ -164,7 +164,7 @@ def _information(
     duration = max(float(one.t[-1] - one.t[0]) for one in [*made, *known])
     unknowns = machine_unknowns(chain, "tau", kinds, prior, y, np.ones(y.shape[1]), duration)
     found = [
-        information_of(machine_rows(chain, [one], unknowns), unknowns, unknowns.start, sizes) for one in [*made, *known]
+        information_of(rows_of(chain, [one], unknowns), unknowns, unknowns.start, sizes) for one in [*made, *known]
     ]
     counted = np.r_[np.full(len(made), samples), np.ones(len(known))]
     return counted[:, None, None] * np.array(found), np.outer(unknowns.spread, unknowns.spread)

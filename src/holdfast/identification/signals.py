@@ -18,7 +18,6 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import butter, sosfiltfilt
 
 from holdfast.errors import StateError
 from holdfast.identification.recording import Recording
@@ -124,6 +123,8 @@ def prepared(
             f"prepared: recording: expected {3.0 * settling:.3g} s or more for {cutoff:.3g} Hz, got"
             f" {even[-1] - even[0]:.3g} s"
         )
+    from scipy.signal import butter, sosfiltfilt  # imported here because it takes a second
+
     sos = butter(ORDER, cutoff, fs=1.0 / interval, output="sos")
     pad = min(len(even) - 2, int(2.0 * settling / interval))
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.identification.machine.rows import MachineRows
 from holdfast.identification.machine.unknowns import MachineUnknowns
 from holdfast.identification.recording import Recording
+from holdfast.identification.rows import RecordedRows
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.joint_friction import friction_torque
 from holdfast.spatial.scalar import Array
@@ -47,11 +47,11 @@ DISAGREE, MUCH_BETTER = 0.3, 0.4  # squared residual of the model, relative to i
 JUDGED = 60  # samples by which guesses are compared
 
 
-Needs = Callable[[Sequence[Recording]], MachineRows]
+Needs = Callable[[Sequence[Recording]], RecordedRows]
 
 
 def suspicions(
-    chain: ClosedChain, recordings: Sequence[Recording], unknowns: MachineUnknowns, rows: MachineRows, needs: Needs
+    chain: ClosedChain, recordings: Sequence[Recording], unknowns: MachineUnknowns, rows: RecordedRows, needs: Needs
 ) -> list[str]:
     """Return sentences about columns that are likely to be wrong. O(n^2) evaluations of the model if it disagrees.
 
@@ -213,7 +213,7 @@ def _beside_friction(y: Array, needed: Array, rate: Array) -> float | None:
     return None if unsure or (c[0] < 0.0 and brakes) else float(c[0])
 
 
-def _needed(rows: MachineRows, unknowns: MachineUnknowns) -> tuple[Array, Array]:
+def _needed(rows: RecordedRows, unknowns: MachineUnknowns) -> tuple[Array, Array]:
     """Return what rows need at the model's values, and what they have by the measurements, (samples, rows) each."""
     needed = rows.A @ unknowns.x(unknowns.start)[0] + rows.b
     return needed, np.einsum("src,sc->sr", rows.P, rows.y * unknowns.gain(unknowns.start, rows.y.shape[1]))

@@ -21,11 +21,12 @@ the criterion of Schwarz (1978), which adds fewer parameters, says that they dif
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.fft import irfft, rfft
+from numpy.typing import ArrayLike
 from scipy.fft import next_fast_len
-from scipy.signal import lfilter
 
 from holdfast.spatial.scalar import Array
 
@@ -61,11 +62,19 @@ class Autoregression:
 
     def filtered(self, B: Array) -> Array:
         """Return C^T B for noise of unit variance, (samples, k)."""
-        return np.sqrt(self.gain) * lfilter([1.0], self.a, B[::-1], axis=0)[::-1]
+        return np.sqrt(self.gain) * _filtered([1.0], self.a, B[::-1])[::-1]
 
     def whitened(self, B: Array) -> Array:
         """Return C^-1 B for noise of unit variance, (samples, k)."""
-        return lfilter(self.a, [1.0], B, axis=0) / np.sqrt(self.gain)
+        return _filtered(self.a, [1.0], B) / np.sqrt(self.gain)
+
+
+def _filtered(b: ArrayLike, a: ArrayLike, B: Array) -> Array:
+    """Return columns filtered by b(z) / a(z), (samples, k)."""
+    from scipy.signal import lfilter  # imported here because it takes a second
+
+    found: Any = lfilter(b, a, B, axis=0)
+    return found
 
 
 WHITE = Autoregression(np.ones(1), 1.0)

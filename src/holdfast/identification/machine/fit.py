@@ -23,15 +23,14 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
-from scipy.stats import norm as normal
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 from holdfast.identification.estimate import huber_weights
 from holdfast.identification.free_fit import channel_sizes, estimated, far_off, least_noise, white_noise, whitener
 from holdfast.identification.machine.coloured_noise import Autoregression, autoregressions
-from holdfast.identification.machine.rows import MachineRows
 from holdfast.identification.machine.unknowns import MachineUnknowns
 from holdfast.identification.motion_noise import JointNoise
+from holdfast.identification.rows import RecordedRows
 from holdfast.spatial.scalar import Array
 
 NOT_USED = 1e4  # factor of the noise of measurements that do not count
@@ -85,11 +84,11 @@ class MachineFit:
         Args:
             chance: that the error is beyond the interval on one side.
         """
-        return float(student.isf(chance, self.freedoms) / normal.isf(chance))
+        return float(stdtrit(self.freedoms, chance) / ndtri(chance))
 
 
 def machine_fit(
-    rows: MachineRows,
+    rows: RecordedRows,
     unknowns: MachineUnknowns,
     kinds: Array,
     given: Array | None,
@@ -116,7 +115,7 @@ def machine_fit(
 
 
 def _settled(
-    rows: MachineRows,
+    rows: RecordedRows,
     unknowns: MachineUnknowns,
     kinds: Array,
     given: Array | None,
@@ -196,12 +195,12 @@ def with_prior(information: Array, spread: Array, scores: Array | None = None) -
     return half @ half.T
 
 
-def errors_at(rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Array) -> Array:
+def errors_at(rows: RecordedRows, unknowns: MachineUnknowns, z: Array, noise: Array) -> Array:
     """Return the smallest errors of the measurements that explain the rows at coordinates z, (samples, channels)."""
     return _Point(rows, unknowns, z, noise).errors
 
 
-def information_of(rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Array) -> Array:
+def information_of(rows: RecordedRows, unknowns: MachineUnknowns, z: Array, noise: Array) -> Array:
     """Return the information F of rows about coordinates z, (p, p), for noise of the channels."""
     return _Point(rows, unknowns, z, noise).information(np.ones(rows.b.shape))
 
@@ -210,7 +209,7 @@ class _Point:
     """The whitened rows and their derivatives at coordinates z, for a noise of the channels and of positions."""
 
     def __init__(
-        self, rows: MachineRows, unknowns: MachineUnknowns, z: Array, noise: Array, motion: Sequence[JointNoise] = ()
+        self, rows: RecordedRows, unknowns: MachineUnknowns, z: Array, noise: Array, motion: Sequence[JointNoise] = ()
     ) -> None:
         self.rows, self.unknowns, self.z, self.noise, self.motion = rows, unknowns, z, noise, motion
         self.gain, delay = unknowns.gain(z, rows.y.shape[1]), unknowns.delay(z)
@@ -374,7 +373,7 @@ def _pooled(errors: Array, shares: Array, counted: Array) -> float:
     return float(np.sqrt((errors[counted] ** 2).sum() / max(float(shares[counted].sum()), 1e-12)))
 
 
-def _shifted(rows: MachineRows, delay: float) -> Array:
+def _shifted(rows: RecordedRows, delay: float) -> Array:
     """Return the measurements a time later, (samples, channels)."""
     return np.concatenate([
         CubicSpline(rows.t[part], rows.y[part])(np.clip(rows.t[part] + delay, rows.t[part][0], rows.t[part][-1]))

@@ -14,21 +14,15 @@ from numpy.typing import ArrayLike
 from holdfast.errors import ModelError, StateError
 from holdfast.identification.base_parameters import sentences
 from holdfast.identification.completed import completed, differentiated
-from holdfast.identification.equations import plain_body
 from holdfast.identification.machine.fit import MachineFit, errors_at, machine_fit, with_prior
 from holdfast.identification.machine.log_cholesky import body_at
 from holdfast.identification.machine.prior import Prior
-from holdfast.identification.machine.rows import (
-    MachineRows,
-    channels,
-    forces_without_friction,
-    friction_of_features,
-    machine_rows,
-)
-from holdfast.identification.machine.unknowns import GAINS, KINDS, ON_JOINTS, MachineUnknowns, machine_unknowns
+from holdfast.identification.machine.unknowns import GAINS, KINDS, MachineUnknowns, machine_unknowns
 from holdfast.identification.motion_noise import motion_noise
 from holdfast.identification.notes import SEEN, note_on_positions, notes_on_far, notes_on_grasps
+from holdfast.identification.payload_unknowns import plain_body
 from holdfast.identification.recording import Recording
+from holdfast.identification.rows import ON_JOINTS, RecordedRows, channels, forces_without_friction, rows_of
 from holdfast.identification.suspicions import suspicions
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -67,7 +61,7 @@ class Machine:
 
     chain: ClosedChain
     unknowns: MachineUnknowns
-    rows: MachineRows
+    rows: RecordedRows
     fit: MachineFit
     values: Array
     covariance: Array
@@ -114,7 +108,7 @@ def identify_machine(
     duration = max(float(one.t[-1] - one.t[0]) for one in whole)
     ones = np.ones(y.shape[1])
     unknowns = machine_unknowns(chain, by, kinds, prior, y, ones, duration)
-    rows = machine_rows(chain, whole, unknowns)
+    rows = rows_of(chain, whole, unknowns)
     if by == "current":
         gains = gains_of_model(rows, unknowns)
         unknowns = machine_unknowns(chain, by, kinds, prior, y, gains, duration)
@@ -126,17 +120,17 @@ def identify_machine(
     gain = unknowns.gain(unknowns.start, y.shape[1])
 
     def as_forces(given: Sequence[Recording]) -> list[Array]:
-        return forces_without_friction(chain, [_with_object(chain, one) for one in given], unknowns, gain)
+        return forces_without_friction(chain, given, unknowns, gain)
 
-    motion = motion_noise(smoothed, rows.kept, as_forces, friction_of_features(unknowns, chain.joint_count))
+    motion = motion_noise(smoothed, rows.kept, as_forces, unknowns.friction_of_features())
     fit = machine_fit(rows, unknowns, channel_kinds(chain, by), noise, huber, motion=motion)
     found = machine_of(chain, unknowns, rows, fit, largest)
     notes = (*found.notes, *notes_on_far(fit.far, rows.t))
     if fit.motion_share > SEEN:
         notes = (*notes, note_on_positions(motion))
 
-    def needs(given: Sequence[Recording]) -> MachineRows:
-        return machine_rows(chain, moving(chain, given), unknowns)
+    def needs(given: Sequence[Recording]) -> RecordedRows:
+        return rows_of(chain, moving(chain, given), unknowns)
 
     apart = notes_on_grasps(chain, whole, {}) if chain.grasps else []
     doubts = (*suspicions(chain, whole, unknowns, rows, needs), *apart)
@@ -151,7 +145,7 @@ def channel_kinds(chain: ClosedChain, by: str) -> Array:
     return np.tile([0, 0, 0, 1, 1, 1] if by == "wrist_wrench" else [1, 1, 1], len(chain.grasps))
 
 
-def gains_of_model(rows: MachineRows, unknowns: MachineUnknowns) -> Array:
+def gains_of_model(rows: RecordedRows, unknowns: MachineUnknowns) -> Array:
     """Return the ratios of the torques that the model needs, the smallest ones, to the currents, (channels,) > 0."""
     needed = (rows.A @ unknowns.x(unknowns.start)[0] + rows.b)[:, :, None]
     torques = (np.linalg.pinv(rows.P) @ needed)[:, :, 0]
@@ -162,7 +156,7 @@ def gains_of_model(rows: MachineRows, unknowns: MachineUnknowns) -> Array:
 
 
 def machine_of(
-    chain: ClosedChain, unknowns: MachineUnknowns, rows: MachineRows, fit: MachineFit, largest: float
+    chain: ClosedChain, unknowns: MachineUnknowns, rows: RecordedRows, fit: MachineFit, largest: float
 ) -> Machine:
     """Return the result of a fit: its plain values, and which of them the recordings determine."""
     values, slope = unknowns.plain(fit.z, fit.around)
@@ -217,7 +211,7 @@ def in_words(
     return tuple(said)
 
 
-def remarks(unknowns: MachineUnknowns, rows: MachineRows, fit: MachineFit) -> tuple[str, ...]:
+def remarks(unknowns: MachineUnknowns, rows: RecordedRows, fit: MachineFit) -> tuple[str, ...]:
     """Return remarks on an estimate."""
     notes = []
     bound = [
@@ -323,7 +317,7 @@ def measurement_errors(
 
 def explained(
     chain: ClosedChain, recording: Recording, by: str, others: Mapping[str, ArrayLike]
-) -> tuple[Array, MachineRows]:
+) -> tuple[Array, RecordedRows]:
     """Return what `measurement_errors` returns, and the equations, which have the samples that are not left out."""
     checks.instance(chain, ClosedChain, "measurement_errors: chain")
     chain = without_object(chain)
@@ -344,5 +338,5 @@ def explained(
     z = unknowns.start.copy()
     for kind, value in given.items():
         z[unknowns.where(kind)] = value
-    rows = machine_rows(chain, whole, unknowns)
+    rows = rows_of(chain, whole, unknowns)
     return errors_at(rows, unknowns, z, np.ones(y.shape[1])), rows

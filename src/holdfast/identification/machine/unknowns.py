@@ -7,24 +7,20 @@ plain values: mass, mass centre, inertia about it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from holdfast.dynamics.regressor import inertial_parameters
 from holdfast.errors import ModelError
-from holdfast.identification.equations import PARAMETER_NAMES, WRENCH_AXES, plain_body, plain_slopes
 from holdfast.identification.machine.log_cholesky import body_at, no_thinner, reference_factor
 from holdfast.identification.machine.prior import Prior
+from holdfast.identification.payload_unknowns import PARAMETER_NAMES, WRENCH_AXES, plain_body, plain_slopes
+from holdfast.identification.rows import NOT_NEGATIVE, ON_DRIVES, ON_JOINTS, ON_WRISTS, Terms, named_bodies, terms_of
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.link import Link
-from holdfast.model.trunk import TRUNK
 from holdfast.spatial.scalar import Array
 
-ON_JOINTS = ("armature", "damping", "friction", "friction_offset", "friction_asymmetry")
-ON_WRISTS = ("sensor_offset", "sensor_drift")
-NOT_NEGATIVE = ("armature", "damping", "friction")
 GAINS = ("drive_gain", "sensor_scale")
 # by what is measured, the kinds of unknowns that it can tell, in the order of the unknowns
 KINDS = {
@@ -38,35 +34,25 @@ OF_TORQUE = {"armature": 0.05, "damping": 0.1, "friction": 0.1, "friction_offset
 
 
 @dataclass(frozen=True, eq=False)
-class MachineUnknowns:
+class MachineUnknowns(Terms):
     """The unknowns of a chain.
 
     Attributes:
-        by: what is measured.
-        kinds: kinds of unknowns, in order.
         names: (p,) names of the plain values.
         kind_of: (p,) the kind of each.
         roots: (bodies, 4, 4) factors of the model's bodies: the object if it is unknown, then links.
         start: (p,) coordinates of the prior's mean, which are 0 for bodies.
         spread: (p,) standard deviations of the prior.
         lowest: (p,) lower bounds of the coordinates.
-        links: indices of the unknown links among all of trunk and arms.
-        link_parameters: (links, 10) the model's parameters of all of these.
-        model_joints: by kind, the model's values of the joints.
         left_out: names of links that have no mass and stay as they are.
     """
 
-    by: str
-    kinds: tuple[str, ...]
     names: tuple[str, ...]
     kind_of: tuple[str, ...]
     roots: Array
     start: Array
     spread: Array
     lowest: Array
-    links: list[int]
-    link_parameters: Array
-    model_joints: dict[str, Array]
     left_out: tuple[str, ...]
 
     def where(self, kind: str) -> Array:
@@ -85,6 +71,16 @@ class MachineUnknowns:
             of = slice(10 * k, 10 * k + 10)
             value[of], slope[of, of] = body_at(root, z[of])
         return value, slope
+
+    def friction_of_features(self) -> Array:
+        """Return (n, features) by which the features [x, 1] give the sizes of the joints' dry friction."""
+        sizes, columns = self.model_joints["friction"], self.friction_columns()
+        found = np.zeros((len(sizes), self.linear + 1))
+        if len(columns):
+            found[np.arange(len(sizes)), columns] = 1.0
+        elif self.by in ON_DRIVES:
+            found[:, -1] = sizes
+        return found
 
     def gain(self, z: Array, channels: int) -> Array:
         """Return the factors of the measurements, (channels,)."""
@@ -116,15 +112,6 @@ class MachineUnknowns:
         return value, slope
 
 
-def named_bodies(chain: ClosedChain) -> list[tuple[str, Link]]:
-    """Return trunk bodies and links with their names 'arm/link', in the order of the regressor's columns."""
-    of = {} if chain.trunk is None else {TRUNK: chain.trunk.bodies}
-    of |= {name: arm.links for name, arm in chain.arms.items()}
-    return [
-        (f"{name}/{body.name or f'link{k + 1}'}", body) for name, bodies in of.items() for k, body in enumerate(bodies)
-    ]
-
-
 def machine_unknowns(
     chain: ClosedChain, by: str, kinds: tuple[str, ...], prior: Prior, y: Array, gains: Array, duration: float
 ) -> MachineUnknowns:
@@ -144,12 +131,10 @@ def machine_unknowns(
     joints, wrists = chain.joint_names(), [f"'{name}', {axis}" for name in chain.grasps for axis in WRENCH_AXES]
     if by == "wrist_force":
         wrists = [name for name in wrists if "force" in name]
-    if by in ("tau", "current"):
+    if by in ON_DRIVES:
         effort = np.array([joint.effort_limit for joint in chain.freedoms])
         sizes = np.where(np.isfinite(effort), effort, sizes)
-    model = {name: np.array([getattr(j, name) for j in chain.freedoms]) for name in NOT_NEGATIVE}
-    model |= {name: np.zeros(chain.joint_count) for name in ("friction_offset", "friction_asymmetry")}
-    bodies = named_bodies(chain)
+    model = terms_of(chain, by, kinds)
     names: list[str] = []
     kind_of: list[str] = []
     roots: list[Array] = []
@@ -172,7 +157,7 @@ def machine_unknowns(
             roots.append(root)
             add(kind, list(PARAMETER_NAMES), np.zeros(10), np.full(10, prior.payload))
         elif kind == "links":
-            for k, (name, link) in enumerate(bodies):
+            for k, (name, link) in enumerate(named_bodies(chain)):
                 root = reference_factor(inertial_parameters(link))
                 if root is None:
                     left_out.append(name)
@@ -182,7 +167,7 @@ def machine_unknowns(
                 add(kind, [f"{name} {one}" for one in PARAMETER_NAMES], np.zeros(10), np.full(10, prior.links))
         elif kind in ON_JOINTS:
             title = kind.replace("_", " ")
-            add(kind, [f"{joint} {title}" for joint in joints], model[kind], OF_TORQUE[kind] * sizes)
+            add(kind, [f"{joint} {title}" for joint in joints], model.model_joints[kind], OF_TORQUE[kind] * sizes)
         elif kind == "drive_gain":
             add(kind, [f"{joint} drive gain" for joint in joints], gains, np.maximum(np.abs(gains), 1e-9))
         elif kind == "time_offset":
@@ -198,17 +183,13 @@ def machine_unknowns(
             add(kind, [f"{title} of {one}" for one in wrists], mean, usual[kind])
     positive = np.isin(kind_of, NOT_NEGATIVE)
     return MachineUnknowns(
-        by=by,
-        kinds=kinds,
+        **vars(replace(model, links=links)),
         names=tuple(names),
         kind_of=tuple(kind_of),
         roots=np.array(roots).reshape(-1, 4, 4),
         start=np.array(start),
         spread=np.array(spread),
         lowest=np.where(positive, 0.0, -np.inf),
-        links=links,
-        link_parameters=np.array([inertial_parameters(link) for _, link in bodies]).reshape(-1, 10),
-        model_joints=model,
         left_out=tuple(left_out),
     )
 
