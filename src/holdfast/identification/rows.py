@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -120,8 +120,8 @@ class RecordedRows:
 def rows_of(
     chain: ClosedChain, recordings: list[Recording], terms: Terms, gravity: Array | None = None
 ) -> RecordedRows:
-    """Return the equations of completed recordings, for the chain's gravity or another. O(samples n^3)."""
-    found = [equations_at(chain, one, terms, gravity) for one in recordings]
+    """Return the equations of recordings with rates and accelerations, for the chain's gravity or another. O(s n^3)."""
+    found = _equations(chain, recordings, terms, gravity)
     values, often = np.unique(np.concatenate([ranks for *_, ranks in found]), return_counts=True)
     usual = int(values[np.argmax(often)])
     kept = [ranks == usual for *_, ranks in found]
@@ -139,8 +139,27 @@ def rows_of(
     return RecordedRows(A, b, N, P, y, used, t, parts, kept)
 
 
+def _equations(
+    chain: ClosedChain, recordings: Sequence[Recording], terms: Terms, gravity: Array | None
+) -> list[list[Array]]:
+    """Return what `equations_at` returns, of each recording; those with the same inputs are evaluated together."""
+    found = list[list[Array]]()
+    for _, alike in groupby(recordings, _inputs_and_arrays):
+        group = list(alike)
+        whole, since = _joined(group), np.concatenate([one.t - one.t[0] for one in group])
+        whole = completed(chain, whole) if chain.grasps else whole
+        ends = np.cumsum([len(one) for one in group])[:-1]
+        parts = [np.split(x, ends) for x in equations_at(chain, whole, terms, gravity, since)]
+        found += [list(one) for one in zip(*parts, strict=True)]
+    return found
+
+
 def equations_at(
-    chain: ClosedChain, recording: Recording, terms: Terms, gravity: Array | None = None
+    chain: ClosedChain,
+    recording: Recording,
+    terms: Terms,
+    gravity: Array | None = None,
+    since: Array | None = None,
 ) -> tuple[Array, ...]:
     """Return A, b, N and P of all samples of a completed recording, and their numbers of rows; rows below are 0.
 
@@ -149,9 +168,10 @@ def equations_at(
         recording: the recording.
         terms: the terms of the equations.
         gravity: (3,) gravity; the chain's by default.
+        since: (samples,) times during which sensors have drifted; those of the recording, from its start, by default.
     """
     if terms.by not in ON_DRIVES:
-        return wrist_rows(chain, recording, terms, gravity)
+        return wrist_rows(chain, recording, terms, gravity, recording.t - recording.t[0] if since is None else since)
     pieces = [torque_rows(one, terms) for one in instants(chain, recording, gravity)]
     most = max(b.shape[1] for _, b, *_ in pieces)
     A, b, N, P = (np.concatenate([_below(one[i], most) for one in pieces]) for i in range(4))
@@ -174,23 +194,26 @@ def forces_without_friction(
 
     Args:
         chain: the chain.
-        recordings: recordings with the same arrays and inputs, with rates and accelerations, of which an array is
-            returned for each.
+        recordings: recordings with rates and accelerations, of which an array is returned for each.
         terms: the terms of the equations.
         gain: (channels,) factors of the measurements.
         gravity: (3,) gravity; the chain's by default.
     """
-    together = _joined(recordings)
-    whole = completed(chain, together) if chain.grasps else together
-    A, b, N, P, _ = equations_at(chain, whole, terms, gravity)
-    rubs = terms.friction_columns()
-    if terms.by in ON_DRIVES and not len(rubs):
-        assert whole.qd is not None
-        b = b - np.einsum("src,sc->sr", P, friction_torque(terms.model_joints["friction"], whole.qd.T).T)
-    A[:, :, rubs] = 0.0
-    left = b - np.einsum("src,sc->sr", P, gain * channels(chain, whole, terms.by))
-    found = np.swapaxes(N, 1, 2) @ np.concatenate([A, left[:, :, None]], axis=2)
-    return np.split(found, np.cumsum([len(one) for one in recordings])[:-1])
+    rubs, found = terms.friction_columns(), list[Array]()
+    for one, (A, b, N, P, _) in zip(recordings, _equations(chain, recordings, terms, gravity), strict=True):
+        if terms.by in ON_DRIVES and not len(rubs):
+            assert one.qd is not None
+            b = b - np.einsum("src,sc->sr", P, friction_torque(terms.model_joints["friction"], one.qd.T).T)
+        A[:, :, rubs] = 0.0
+        left = b - np.einsum("src,sc->sr", P, gain * channels(chain, one, terms.by))
+        found.append(np.swapaxes(N, 1, 2) @ np.concatenate([A, left[:, :, None]], axis=2))
+    return found
+
+
+def _inputs_and_arrays(one: Recording) -> tuple[object, ...]:
+    """Return what recordings have in common that are evaluated together."""
+    names = [field.name for field in fields(Recording) if isinstance(getattr(one, field.name), np.ndarray)]
+    return id(one.inputs), id(one.added), *names
 
 
 def _joined(recordings: Sequence[Recording]) -> Recording:
@@ -243,7 +266,7 @@ def torque_rows(at: Instants, terms: Terms) -> tuple[Array, ...]:
 
 
 def wrist_rows(
-    chain: ClosedChain, recording: Recording, terms: Terms, gravity: Array | None = None
+    chain: ClosedChain, recording: Recording, terms: Terms, gravity: Array | None, since: Array
 ) -> tuple[Array, ...]:
     """Return A, b, N and P of samples by wrenches or forces at wrists, and the numbers of rows; see `equations_at`.
 
@@ -261,7 +284,7 @@ def wrist_rows(
         b = b + weights @ inertial_parameters(chain.held_object)
     if recording.added is not None:
         b = b + weights @ inertial_parameters(recording.added)
-    since = (recording.t - recording.t[0])[:, None, None]
-    columns = [P * (since if kind == "sensor_drift" else 1.0) for kind in terms.kinds if kind in ON_WRISTS]
+    drifted = since[:, None, None]
+    columns = [P * (drifted if kind == "sensor_drift" else 1.0) for kind in terms.kinds if kind in ON_WRISTS]
     N = np.broadcast_to(np.eye(r), (count, r, r))
     return np.concatenate([A, *columns], axis=2), b, N, P, np.full(count, r)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ LONGEST_INTERVAL = 1.0  # s between samples, above which times are hardly second
 FASTEST = 30.0  # rad/s, or five times a joint's limit, above which no joint turns
 DISAGREE, MUCH_BETTER = 0.3, 0.4  # squared residual of the model, relative to its size or to that of another guess
 JUDGED = 60  # samples by which guesses are compared
+AT_ONCE = 30  # guesses that machine code evaluates together
 
 
 Needs = Callable[[Sequence[Recording]], RecordedRows]
@@ -224,17 +226,24 @@ def _guesses(names: list[str], recordings: Sequence[Recording], unknowns: Machin
     every, by = max(1, sum(map(len, recordings)) // JUDGED), unknowns.by
     few = [one.part(slice(None, None, every)) for one in recordings]
     needed, had = _needed(needs(few), unknowns)
-    square = had.shape[1] == len(names)
+    samples, square = len(had), had.shape[1] == len(names)
     sizes = np.maximum(had.std(axis=0), 1e-12) ** -2.0 if square else np.ones(had.shape[1])
     whole = float(((had - had.mean(axis=0)) ** 2 @ sizes).sum())
     here = float(((needed - had) ** 2 @ sizes).sum())
     if here < DISAGREE * whole or not whole > 0.0:
         return []
     best, said = MUCH_BETTER * here, ""
-    for title, changed in _undone(names, few, by):
-        needed, had = _needed(needs(changed), unknowns)
-        if needed.shape[1] == len(sizes) and (found := float(((needed - had) ** 2 @ sizes).sum())) < best:
-            best, said = found, title
+    guesses = iter(_undone(names, few, by))
+    while group := list(islice(guesses, AT_ONCE)):
+        rows = needs([one for _, changed in group for one in changed])
+        needed, had = _needed(rows, unknowns)
+        if needed.shape[1] != len(sizes):
+            continue
+        kept = np.array([int(one.sum()) for one in rows.kept]).reshape(len(group), -1).sum(axis=1)
+        squares = np.split((needed - had) ** 2 @ sizes, np.cumsum(kept)[:-1])
+        for (title, _), of_guess in zip(group, squares, strict=True):
+            if len(of_guess) == samples and (found := float(of_guess.sum())) < best:
+                best, said = found, title
     return [f"{said}: the residual of the model falls to {np.sqrt(best / here):.2g} times as much"] if said else []
 
 

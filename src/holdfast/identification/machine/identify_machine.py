@@ -130,7 +130,7 @@ def identify_machine(
         notes = (*notes, note_on_positions(motion))
 
     def needs(given: Sequence[Recording]) -> RecordedRows:
-        return rows_of(chain, moving(chain, given), unknowns)
+        return rows_of(chain, given, unknowns)
 
     apart = notes_on_grasps(chain, whole, {}) if chain.grasps else []
     doubts = (*suspicions(chain, whole, unknowns, rows, needs), *apart)
