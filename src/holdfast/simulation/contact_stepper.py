@@ -73,6 +73,7 @@ class ContactStepper(ReferenceStepper):
             both = (gaps.position[0], after.position), (gaps.velocity[0], after.velocity)
             return closed, Gaps(*(np.array(pair) for pair in both))
         if isinstance(request, StageRequest):
+            modes = modes if now.touch is None else now.touch.modes_within(request.until - now.t)
             at = self._in_modes(request.t, request.state, now.memory, held, modes, request.implicit)
             return at.rates(request.turns)
         return self._in_modes(request.t, request.state, now.memory, None, modes)

@@ -13,6 +13,10 @@ slip before. Only then can the time of the stop be located as the zero of a smoo
 Friction turns a slip into its own direction in the time |u_t| / (mu lambda_n |C_t P C_t^T|), which is next to nothing
 where slip begins. There the direction follows from the law: acceleration and friction are opposite, a_t = s t and
 lambda_t = -mu lambda_n t with s >= 0. These t are found by Newton's method, for all contacts that begin at once.
+
+Where slip stops, that time tends to zero, too. A slip that has come into the direction in which it stops keeps it to
+the end of the step: past the stop, where friction would push it along, a deviation d from this line would grow as
+|u_t|^(mu lambda_n |C_t P C_t^T| / |a_t|), and no step of finite length follows it.
 """
 
 from __future__ import annotations
@@ -46,6 +50,7 @@ STOPPED_SPEED = 1e-6  # m/s: a slower slip has stopped
 SLOWEST_SLIP = 1e-7  # m/s: a slower slip has no direction of its own
 BEGINS_FOR = 5e-4  # s: the time in which friction turns a slip from which its direction is its own
 MOST_TURNS, SAME_SLIP = 30, 1e-13
+STOPS_SOON = 2.0  # of a step: it ends past a stop, or close before it
 STRAIGHT = 1e-10  # m/s: less across the direction that friction keeps is no turn, but rounding
 DEPENDENT_CONTACT_ROWS = 1e-11  # singular values below this part of the largest are those of dependent rows
 SETTLED_GAP = 1e-15  # m
@@ -62,12 +67,14 @@ class ContactModes(Frozen):
             fingers, whose fourth component is the spin times the torsion radius.
         hands: hands that slide, whose points follow the contacts with the world.
         begins: contacts whose slip has just begun, and takes its direction from the law.
+        straight: slips that keep their direction, see `Touch.modes_within`.
     """
 
     mode: Array
     slip: Array
     hands: tuple[Hand, ...] = ()
     begins: frozenset[int] = frozenset()
+    straight: frozenset[int] = frozenset()
 
     @property
     def closed(self) -> Array:
@@ -101,6 +108,7 @@ class Touch(Frozen):
         velocity: (k, 3) u, contact axes [m/s]; (k, 4) likewise.
         modes: the modes, with the slip directions of this instant.
         slip_speed: (k,) velocity along the direction of slip at the step's start; infinite unless slipping [m/s].
+        stops_in: (k,) time in which a slip stops that does not turn; infinite for others [s].
         turning_time: the shortest time in which a slip may turn into another direction, |u_t| over its acceleration,
             or over the one that friction gives if that is larger; infinite where no slip turns [s]. Of a slip that
             begins, twice the time until its direction is its own, if its speed grows with the square of time.
@@ -111,7 +119,12 @@ class Touch(Frozen):
     velocity: Array
     modes: ContactModes
     slip_speed: Array
+    stops_in: Array
     turning_time: float = np.inf
+
+    def modes_within(self, h: float) -> ContactModes:
+        """Return the modes for the stages of a step of a length [s]; slips that stop in it keep their direction."""
+        return replace(self.modes, straight=frozenset(np.flatnonzero(self.stops_in < STOPS_SOON * h).tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +191,7 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
     rows = at_rest.rows(state)
     u = rows.velocity(stacked_twist(at_rest.chain, state, modes.hands))
     directions, slip, speed = _slip(rows, u, modes)
-    force, turning, begins = np.zeros(u.shape), np.inf, modes.begins
+    force, turning, stops, begins = np.zeros(u.shape), np.inf, np.full(len(u), np.inf), modes.begins
     if len(modes.closed):
         P = at_rest.mobility(state)
         found = _along_law(rows, P, acceleration, modes, directions)
@@ -188,8 +201,8 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
             found = directions, _imposing(rows, P, acceleration, modes, directions)
         directions, (force, moving, *_) = found
         slip = _in_world(rows, directions, begins, slip)
-        speed, turning, begins = _turning(rows, P, moving, u, force, modes, speed)
-    return Touch(rows, force, u, replace(modes, slip=slip, begins=begins), speed, turning)
+        speed, stops, turning, begins = _turning(rows, P, moving, u, force, modes, speed)
+    return Touch(rows, force, u, replace(modes, slip=slip, begins=begins, straight=frozenset()), speed, stops, turning)
 
 
 def _along_law(
@@ -267,8 +280,8 @@ def _in_world(rows: ContactRows, directions: Array, begins: frozenset[int], slip
 
 def _turning(
     rows: ContactRows, P: Array, acceleration: Array, u: Array, force: Array, modes: ContactModes, speed: Array
-) -> tuple[Array, float, frozenset[int]]:
-    """Return `Touch.slip_speed`, `Touch.turning_time`, and the contacts that still begin to slip.
+) -> tuple[Array, Array, float, frozenset[int]]:
+    """Return `Touch.slip_speed`, `stops_in`, `turning_time`, and the contacts that still begin to slip.
 
     A slip that turns need not pass zero where it stops: it has stopped below `STOPPED_SPEED`.
 
@@ -282,6 +295,7 @@ def _turning(
         speed: (k,) along the slip before.
     """
     along, shortest, begins, speed = tangents(u), np.inf, set(modes.begins), speed.copy()
+    stops = np.full(len(u), np.inf)
     for j in np.flatnonzero(modes.mode == ContactMode.SLIPS).tolist():
         C, t = rows.C[j, along], u[j, along]
         size = float(np.linalg.norm(t))
@@ -296,12 +310,13 @@ def _turning(
             continue
         across = a - t * float(t @ a) / size**2
         if size * np.linalg.norm(across) <= STRAIGHT * given:
+            stops[j] = size**2 / -float(t @ a) if t @ a < 0.0 else np.inf
             continue
         if size > STOPPED_SPEED:
             shortest = min(shortest, size / max(given, float(np.linalg.norm(a))))
         elif t @ a < 0.0:
             speed[j] = min(speed[j], size - STOPPED_SPEED)
-    return speed, shortest, frozenset(begins)
+    return speed, stops, shortest, frozenset(begins)
 
 
 def _slip(rows: ContactRows, u: Array, modes: ContactModes) -> tuple[Array, Array, Array]:
@@ -315,7 +330,7 @@ def _slip(rows: ContactRows, u: Array, modes: ContactModes) -> tuple[Array, Arra
         before = slip_in_axes(rows.axes[j], modes.slip[j])
         speed[j] = t[j] @ before
         size = float(np.linalg.norm(t[j]))
-        own = size > SLOWEST_SLIP and j not in modes.begins
+        own = size > SLOWEST_SLIP and j not in modes.begins | modes.straight
         d = t[j] / size if own else before / np.linalg.norm(before)
         along[j] = d if d @ before >= 0.0 else -d
         if own and speed[j] > 0.0:
