@@ -14,9 +14,8 @@ Friction turns a slip into its own direction in the time |u_t| / (mu lambda_n |C
 where slip begins. There the direction follows from the law: acceleration and friction are opposite, a_t = s t and
 lambda_t = -mu lambda_n t with s >= 0. These t are found by Newton's method, for all contacts that begin at once.
 
-Where slip stops, that time tends to zero, too. A slip that has come into the direction in which it stops keeps it to
-the end of the step: past the stop, where friction would push it along, a deviation d from this line would grow as
-|u_t|^(mu lambda_n |C_t P C_t^T| / |a_t|), and no step of finite length follows it.
+Where slip stops, that time tends to zero, too. A slip that no longer turns keeps its direction within a step past its
+stop: a deviation would grow there, as |u_t| to the power of mu lambda_n |C_t P C_t^T| / |a_t|.
 """
 
 from __future__ import annotations
@@ -50,8 +49,10 @@ STOPPED_SPEED = 1e-6  # m/s: a slower slip has stopped
 SLOWEST_SLIP = 1e-7  # m/s: a slower slip has no direction of its own
 BEGINS_FOR = 5e-4  # s: the time in which friction turns a slip from which its direction is its own
 MOST_TURNS, SAME_SLIP = 30, 1e-13
-STOPS_SOON = 2.0  # of a step: it ends past a stop, or close before it
+TURNABLE = 1e-2  # of the mobility across a slip: the least that other contacts leave where friction turns it
 STRAIGHT = 1e-10  # m/s: less across the direction that friction keeps is no turn, but rounding
+STAYS_STRAIGHT = 1e-8  # m/s: the same for a slip that has kept its direction already
+STOPS_SOON = 8.0  # steps: a slip that stops within so many keeps its direction; `verify` looks at eighths
 DEPENDENT_CONTACT_ROWS = 1e-11  # singular values below this part of the largest are those of dependent rows
 SETTLED_GAP = 1e-15  # m
 ROUNDS = 3
@@ -81,20 +82,11 @@ class ContactModes(Frozen):
         """The indices of the contacts that are closed."""
         return np.flatnonzero(self.mode != ContactMode.OPEN)
 
-    def imposed(self, directions: Array | None = None) -> tuple[Array, Array]:
-        """Return contact (m,) and unit vector (m, 3 or 4) in contact axes of every imposed row.
-
-        Args:
-            directions: (k, 2 or 3) of the slips, contact axes, to impose the rows across those that begin besides.
-        """
-        of, units, d = [], [np.zeros((0, self.slip.shape[1]))], self.slip.shape[1]
-        for j in self.closed.tolist():
-            rows = np.eye(d) if self.mode[j] == ContactMode.STICKS else np.eye(d)[2:3]
-            if directions is not None and j in self.begins:
-                rows = np.concatenate([rows, np.insert(_across(directions[j]), 2, 0.0, axis=1)])
-            of += [j] * len(rows)
-            units.append(rows)
-        return np.array(of, dtype=int), np.concatenate(units)
+    def imposed(self) -> tuple[Array, Array]:
+        """Return contact (m,) and unit vector (m, 3 or 4) in contact axes of every imposed row."""
+        axes, sticks = np.eye(self.slip.shape[1]), self.mode == ContactMode.STICKS
+        rows = [(j, n) for j in self.closed.tolist() for n in (axes if sticks[j] else axes[2:3])]
+        return np.array([j for j, _ in rows], dtype=int), np.array([n for _, n in rows]).reshape(-1, len(axes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +115,7 @@ class Touch(Frozen):
     turning_time: float = np.inf
 
     def modes_within(self, h: float) -> ContactModes:
-        """Return the modes for the stages of a step of a length [s]; slips that stop in it keep their direction."""
+        """Return the modes for a step of a length [s], in which slips that stop soon and do not turn are straight."""
         return replace(self.modes, straight=frozenset(np.flatnonzero(self.stops_in < STOPS_SOON * h).tolist()))
 
 
@@ -200,7 +192,8 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
             directions, slip, speed = _slip(rows, u, modes)
             found = directions, _imposing(rows, P, acceleration, modes, directions)
         directions, (force, moving, *_) = found
-        slip = _in_world(rows, directions, begins, slip)
+        for j in begins:
+            slip[j] = slip_in_world(rows.axes[j], directions[j])
         speed, stops, turning, begins = _turning(rows, P, moving, u, force, modes, speed)
     return Touch(rows, force, u, replace(modes, slip=slip, begins=begins, straight=frozenset()), speed, stops, turning)
 
@@ -262,20 +255,12 @@ def _imposing(
     force, gives = np.zeros(modes.slip.shape), units.copy()
     slips = modes.mode[of] == ContactMode.SLIPS
     gives[np.ix_(slips, tangents(gives))] = -rows.friction[of[slips], None] * directions[of[slips]]
-    A = np.einsum("mia,mi->ma", rows.C[of], units)
-    D = np.einsum("mia,mi->ma", rows.C[of], gives)
+    A, D = (np.einsum("mia,mi->ma", rows.C[of], x) for x in (units, gives))
     b = A @ acceleration + (rows.drift[of] * units).sum(axis=1)
     x = np.linalg.lstsq(A @ P @ D.T, -b, rcond=DEPENDENT_CONTACT_ROWS)[0]
     x = within_cones(of, D, rows.friction, modes.mode == ContactMode.STICKS, x)
     np.add.at(force, of, x[:, None] * gives)
     return ImposedContacts(force, acceleration + P @ (x @ D), A, D)
-
-
-def _in_world(rows: ContactRows, directions: Array, begins: frozenset[int], slip: Array) -> Array:
-    found = slip.copy()
-    for j in begins:
-        found[j] = slip_in_world(rows.axes[j], directions[j])
-    return found
 
 
 def _turning(
@@ -294,8 +279,8 @@ def _turning(
         modes: the modes.
         speed: (k,) along the slip before.
     """
-    along, shortest, begins, speed = tangents(u), np.inf, set(modes.begins), speed.copy()
-    stops = np.full(len(u), np.inf)
+    along, shortest, begins = tangents(u), np.inf, set(modes.begins)
+    speed, stops = speed.copy(), np.full(len(u), np.inf)
     for j in np.flatnonzero(modes.mode == ContactMode.SLIPS).tolist():
         C, t = rows.C[j, along], u[j, along]
         size = float(np.linalg.norm(t))
@@ -309,12 +294,12 @@ def _turning(
         if j in begins or not min(size, given) > 0.0:
             continue
         across = a - t * float(t @ a) / size**2
-        if size * np.linalg.norm(across) <= STRAIGHT * given:
+        if size * np.linalg.norm(across) <= (STAYS_STRAIGHT if j in modes.straight else STRAIGHT) * given:
             stops[j] = size**2 / -float(t @ a) if t @ a < 0.0 else np.inf
             continue
         if size > STOPPED_SPEED:
             shortest = min(shortest, size / max(given, float(np.linalg.norm(a))))
-        elif t @ a < 0.0:
+        elif t @ a < 0.0 and j not in modes.straight:
             speed[j] = min(speed[j], size - STOPPED_SPEED)
     return speed, stops, shortest, frozenset(begins)
 
@@ -389,10 +374,25 @@ def on_contacts(
         return state
     rows = at_rest.rows(state)
     u = rows.velocity(stacked_twist(chain, state, modes.hands))
-    of, units = modes.imposed(_slip(rows, u, modes)[0])
-    A = np.einsum("mia,mi->ma", rows.C[of], units)
-    push = _removing(at_rest.mobility(state), A, (u[of] * units).sum(axis=1))
-    return quickened(state, at_rest.change(state, push))
+    of, units = modes.imposed()
+    P, A, gap = at_rest.mobility(state), np.einsum("mia,mi->ma", rows.C[of], units), (u[of] * units).sum(axis=1)
+    if modes.begins:
+        E, aside = _turnable(rows, u, modes, A, P)
+        A, gap = np.concatenate([A, E]), np.append(gap, aside)
+    return quickened(state, at_rest.change(state, _removing(P, A, gap)))
+
+
+def _turnable(rows: ContactRows, u: Array, modes: ContactModes, A: Array, P: Array) -> tuple[Array, Array]:
+    """Return the rows across slips that begin, and the velocities along them, if friction can turn them.
+
+    Where other contacts leave one direction, it cannot: a row that is nearly across it would end the slip.
+    """
+    along, directions = tangents(u), _slip(rows, u, modes)[0]
+    across = [(j, B) for j in sorted(modes.begins) for B in _across(directions[j])]
+    E, aside = (np.array([B @ x[j, along] for j, B in across]) for x in (rows.C, u))
+    Q = P - P @ A.T @ np.linalg.lstsq(A @ P @ A.T, A @ P, rcond=DEPENDENT_CONTACT_ROWS)[0]
+    free = np.einsum("ma,ab,mb->m", E, Q, E) > TURNABLE * np.einsum("ma,ab,mb->m", E, P, E)
+    return E[free], aside[free]
 
 
 def _removing(P: Array, A: Array, gap: Array) -> Array:

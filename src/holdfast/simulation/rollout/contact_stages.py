@@ -174,10 +174,8 @@ class StagewiseContactStepper(StagewiseStepper):
             turned = [replace(touch.modes, begins=modes.begins) for touch in touches]
             return [self._on_contacts(*one, own) for one, own in zip(found, turned, strict=True)]
         rows = held if isinstance(requests[0], StageRequest) else None
-        each = [
-            now.touch.modes_within(one.until - now.t) if now.touch and isinstance(one, StageRequest) else modes
-            for one in requests
-        ]
+        ends = [one.until if isinstance(one, StageRequest) else one.t for one in requests]
+        each = [modes if now.touch is None else now.touch.modes_within(end - now.t) for end in ends]
         found, stages, touches = self._touching(times, states, now.memory, rows, each)
         return [
             slope_at(found["slope"][row], one)
