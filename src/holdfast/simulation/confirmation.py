@@ -45,7 +45,7 @@ from holdfast.spatial.scalar import Array
 
 SHORTER_BY = (2, 4)
 SHARE = 0.05  # steps are too long if their results differ by more than this part of the change of margin or velocities
-LATER = 1e-3  # of the time since the window's begin: so much later a margin may jump in shorter steps
+JUMPS_LATER = 1e-3  # of the time since the window's begin: so much later a margin may jump in shorter steps
 NEGLIGIBLE_DIFFERENCE = 1e-6  # smaller differences (relative, or absolute below 1) are ignored
 MOST_REPEATED_PARTS = 16  # largest number of parts in which a failed step is repeated
 MOST_STEPS_TRIED = 200  # largest number of steps for which a suggested length is tried
@@ -101,7 +101,7 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
         for parts in SHORTER_BY:
             off = _difference(window, t, parts, together, depth)
             if not (off <= allowed).all():
-                later = t + LATER * (t - window.begin.t)
+                later = t + JUMPS_LATER * (t - window.begin.t)
                 off = np.minimum(off, _difference(window, later, parts, together, depth))
             if (off <= allowed).all():
                 continue

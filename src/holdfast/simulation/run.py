@@ -33,7 +33,7 @@ from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.stops import just_after
 from holdfast.simulation.trajectory import Trajectory, part_of
 from holdfast.simulation.uneventful import uneventful_steps
-from holdfast.simulation.verification import SHORTEST
+from holdfast.simulation.verification import PAST_JUMP
 from holdfast.simulation.zero_order_hold import initial_hold, require_same
 from holdfast.spatial.frozen import changed
 from holdfast.spatial.spatial_vector import shift_wrench
@@ -263,7 +263,7 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
 
 def _is_past_jump(at: RunState, later: RunState) -> bool:
     """Return whether a step only leads past a jump at which contacts change their modes; see `verify`."""
-    return later.now.t - at.now.t <= SHORTEST and later.violated() in later.segment.of_modes
+    return later.now.t - at.now.t <= PAST_JUMP and later.violated() in later.segment.of_modes
 
 
 class Pace:

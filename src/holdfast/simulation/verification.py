@@ -46,7 +46,7 @@ DROPS = 2.0
 FLAT = 1e-9  # relative, or absolute below 1: a smaller drop is rounding
 TIME_OF_MINIMUM = 1e-7  # precision of the time of a minimum, as a fraction of the step
 CROSSING = 1e-13  # [s]: precision of the time of a zero
-SHORTEST = 4.0 * CROSSING  # [s]: steps across jumps
+PAST_JUMP = 4.0 * CROSSING  # [s]: steps across jumps
 JUMP = 1e-6  # relative, or absolute below 1: by so much a margin changes within the precision of a zero
 
 Reach = Callable[[Sequence[float]], list[Advance]]
@@ -153,7 +153,7 @@ def verify(
         acting: indices of those that end the step when they become negative.
         lowest: (signals,) the lowest margins of the run so far.
         of_modes: those at whose zeros contacts change their modes; a step that finds a jump of one ends just before it,
-            as the forces of fixed modes satisfy no law past it, and only the next, of at most `SHORTEST`, goes there.
+            as the forces of fixed modes satisfy no law past it, and only the next, of at most `PAST_JUMP`, goes there.
     """
     failure: HoldfastError | None = None
     try:
@@ -179,7 +179,7 @@ def _end(curves: MarginCurves, begin: float, zero: float, of_modes: Sequence[int
     """Return the end of a step that finds a negative margin at a time: that time, or just before if it jumps there."""
     times, margins = curves.table()
     k, m = int(np.searchsorted(times, zero)), margins[:, of_modes]
-    if zero - begin <= SHORTEST or times[k - 1] <= begin:
+    if zero - begin <= PAST_JUMP or times[k - 1] <= begin:
         return zero
     jumps = (m[k] < 0.0) & (m[k - 1] - m[k] > JUMP * np.maximum(1.0, np.ptp(m[:k], axis=0)))
     return float(times[k - 1]) if jumps.any() else zero

@@ -54,8 +54,7 @@ STRAIGHT = 1e-10  # m/s: less across the direction that friction keeps is no tur
 STAYS_STRAIGHT = 1e-8  # m/s: the same for a slip that has kept its direction already
 STOPS_SOON = 8.0  # steps: a slip that stops within so many keeps its direction; `verify` looks at eighths
 DEPENDENT_CONTACT_ROWS = 1e-11  # singular values below this part of the largest are those of dependent rows
-SETTLED_GAP = 1e-15  # m
-ROUNDS = 3
+SETTLED_GAP, ROUNDS = 1e-15, 3  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,9 +187,7 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
         P = at_rest.mobility(state)
         found = _along_law(rows, P, acceleration, modes, directions)
         if found is None:  # slips have their own directions
-            begins, modes = frozenset[int](), replace(modes, begins=frozenset())
-            directions, slip, speed = _slip(rows, u, modes)
-            found = directions, _imposing(rows, P, acceleration, modes, directions)
+            return touch_with(at_rest, state, acceleration, replace(modes, begins=frozenset()))
         directions, (force, moving, *_) = found
         for j in begins:
             slip[j] = slip_in_world(rows.axes[j], directions[j])
@@ -285,8 +282,7 @@ def _turning(
         C, t = rows.C[j, along], u[j, along]
         size = float(np.linalg.norm(t))
         given = float(rows.friction[j] * force[j, 2] * np.linalg.norm(C @ P @ C.T, 2))
-        if j in begins:
-            begins -= {j} if size > BEGINS_FOR * given else set()
+        begins -= {j} if size > BEGINS_FOR * given else set()
         a = C @ acceleration + rows.drift[j, along]
         if j in begins and min(size, float(np.linalg.norm(a))) > 0.0:
             since = 2.0 * size / float(np.linalg.norm(a))
@@ -385,14 +381,18 @@ def on_contacts(
 def _turnable(rows: ContactRows, u: Array, modes: ContactModes, A: Array, P: Array) -> tuple[Array, Array]:
     """Return the rows across slips that begin, and the velocities along them, if friction can turn them.
 
-    Where other contacts leave one direction, it cannot: a row that is nearly across it would end the slip.
+    Where other rows leave one direction, it cannot: a row that is nearly across it would end the slip.
     """
     along, directions = tangents(u), _slip(rows, u, modes)[0]
     across = [(j, B) for j in sorted(modes.begins) for B in _across(directions[j])]
     E, aside = (np.array([B @ x[j, along] for j, B in across]) for x in (rows.C, u))
     Q = P - P @ A.T @ np.linalg.lstsq(A @ P @ A.T, A @ P, rcond=DEPENDENT_CONTACT_ROWS)[0]
-    free = np.einsum("ma,ab,mb->m", E, Q, E) > TURNABLE * np.einsum("ma,ab,mb->m", E, P, E)
-    return E[free], aside[free]
+    kept = []
+    for k, one in enumerate(E):
+        if (left := one @ Q @ one) > TURNABLE * (one @ P @ one):
+            kept.append(k)
+            Q = Q - np.outer(Q @ one, Q @ one) / left
+    return E[kept], aside[kept]
 
 
 def _removing(P: Array, A: Array, gap: Array) -> Array:
