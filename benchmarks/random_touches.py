@@ -7,7 +7,8 @@ tumble on slopes, beside walls, and on balls, cylinders and boxes that are fixed
 run is a pure function of its number. Printed are all endings but the sound one, and the worst of three bars:
 
 * gaps, >= -1e-12 m;
-* energy that contacts make, relative to the kinetic energy: by impacts, and as power of the forces at samples;
+* energy that contacts make in a step, relative to the kinetic energy: by impacts, and by the power of their forces at
+  either end (a stop is located to 1e-13 s and 1e-13 m/s, and friction has the power of that slip just past it);
 * by steps, the largest gain of the whole energy in a step that no arm drives, divided by h^3 and by what the midpoint
   rule may make: kinetic energy times the cube of the largest rate of the object.
 """
@@ -175,7 +176,7 @@ def outcome(scene: Scene, contacts: str, step: float = STEP) -> tuple[Outcome, T
     gain = float(np.diff(run.impact, prepend=0.0).max()) / scale
     smooth = 0.0
     if contacts == "events":
-        gain = max(gain, _largest_power(scene, run) / scale)
+        gain = max(gain, _largest_work(scene, run) / scale)
     elif not scene.chain.arms and len(run.t) > 1:
         energy = run.kinetic + run.potential
         rate = float(np.abs(run.object_twist[:, :3]).max()) + 1.0
@@ -194,16 +195,20 @@ def outcome(scene: Scene, contacts: str, step: float = STEP) -> tuple[Outcome, T
     return Outcome(ending, gap, gain, smooth, len(run.occurrences)), run
 
 
-def _largest_power(scene: Scene, run: Trajectory) -> float:
-    """Return the largest power of contact forces at a sample [W]; sticking ones and sliding ones make none."""
-    largest = 0.0
+def _largest_work(scene: Scene, run: Trajectory) -> float:
+    """Return the most that the forces of a contact could add in a step with their power at an end [J].
+
+    Sticking contacts and sliding ones add none.
+    """
+    largest, steps = 0.0, np.diff(run.t, prepend=run.t[0], append=run.t[-1])
     assert scene.chain.touching is not None
     for k in range(len(run.t)):
         if not run.touch_force[k].any():
             continue
         rows = contact_rows(scene.chain.touching, hf.Pose.from_wxyz_xyz(run.object_pose[k]), run.object_twist[k])
         force = np.einsum("kia,ka->ki", rows.axes, run.touch_force[k])
-        largest = max(largest, float((force * rows.velocity(run.object_twist[k])).sum(axis=1).max()))
+        power = float((force * rows.velocity(run.object_twist[k])).sum(axis=1).max())
+        largest = max(largest, power * float(steps[k : k + 2].max()))
     return largest
 
 

@@ -135,7 +135,7 @@ class Checkpoint:
         }
         if self.contacts is not None:
             arrays |= {"contacts.mode": self.contacts.mode, "contacts.slip": self.contacts.slip}
-            data["begins"] = sorted(self.contacts.begins)
+            data |= {name: sorted(getattr(self.contacts, name)) for name in ("begins", "straight")}
             arrays |= {} if self.least_gap is None else {"contacts.least_gap": self.least_gap}
             data["hands"] = [_grasp_data(hand.arm, hand.grasp, arrays) for hand in self.contacts.hands]
         return arrays, data
@@ -155,7 +155,7 @@ class Checkpoint:
                     np.array(arrays["contacts.mode"]),
                     np.array(arrays["contacts.slip"]),
                     hands,
-                    frozenset(data.get("begins", ())),
+                    *(frozenset(data.get(name, ())) for name in ("begins", "straight")),
                 )
             return cls(
                 now=_origin("now", data["now"], arrays),

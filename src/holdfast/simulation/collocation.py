@@ -63,7 +63,8 @@ def collocation_step(now: Instant, until: float) -> Generator[Sequence[Evaluatio
         if moving < NEARLY_CONVERGED:
             closed = yield [ProjectionRequest(t, state) for t, state in zip(times, states, strict=True)]
             states = [state for state, _ in closed]
-        stages = [StageRequest(t, state, turns_between(start, state)) for t, state in zip(times, states, strict=True)]
+        turns = [turns_between(start, state) for state in states]
+        stages = [StageRequest(*one, until) for one in zip(times, states, turns, strict=True)]
         found = np.array((yield stages))
         before, moving = moving, float(h * np.abs(found - slopes)[:, : body_parts(start)[-1].stop].max())
         slopes = found

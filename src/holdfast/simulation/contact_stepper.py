@@ -72,6 +72,8 @@ class ContactStepper(ReferenceStepper):
             after = largest_gaps(chain, closed, inputs.shaped(chain))
             both = (gaps.position[0], after.position), (gaps.velocity[0], after.velocity)
             return closed, Gaps(*(np.array(pair) for pair in both))
+        until = request.until if isinstance(request, StageRequest) else request.t
+        modes = modes if now.touch is None else now.touch.modes_within(until - now.t)
         if isinstance(request, StageRequest):
             at = self._in_modes(request.t, request.state, now.memory, held, modes, request.implicit)
             return at.rates(request.turns)

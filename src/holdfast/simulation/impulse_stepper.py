@@ -198,4 +198,5 @@ def touch_with_rows(rows: ContactRows, state: State, force: Array, mode: Array) 
 
 def _touch(state: State, rows: ContactRows, force: Array, mode: Array) -> Touch:
     u, k = rows.velocity(state.object_twist), len(mode)
-    return Touch(rows, force, u, ContactModes(mode, np.zeros((k, 3))), np.full(k, np.inf))
+    never = np.full(k, np.inf)
+    return Touch(rows, force, u, ContactModes(mode, np.zeros((k, 3))), never, never)

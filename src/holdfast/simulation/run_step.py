@@ -245,9 +245,10 @@ def _step_to(
     by = stepper or segment.stepper
     found = _screened(curves, at, by, times) or _interpolated(curves, at, by, times)
     if found is None:
-        found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest)
+        found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest, segment.of_modes)
     end = found.end
-    window = Window(segment, at.previous, now)
+    straight = now.touch is not None and now.touch.modes_within(until - now.t).straight
+    window = Window(segment, None if straight else at.previous, now)  # a slip comes into its direction in short steps
     _require_step(window, found, until, saved.tracker)
     assert end.instant is not None
     tracker, news = saved.tracker.after(found, curves, signals)
@@ -286,8 +287,9 @@ def _step_to(
 
 def _modes_before(segment: Segment, now: Instant, end: Instant) -> ContactModes | None:
     """Return the modes from which a step's end is evaluated: those at its start, or those of its own impulses."""
-    touch = end.touch if segment.settings.by_impulses else now.touch
-    return None if touch is None else touch.modes
+    if now.touch is None or end.touch is None:
+        return None
+    return end.touch.modes if segment.settings.by_impulses else now.touch.modes_within(end.t - now.t)
 
 
 def _require_step(window: Window, found: StepMargins, until: float, tracker: ViolationTracker) -> None:

@@ -170,6 +170,11 @@ class Segment:
         """Indices of the signals that end a step when they become negative."""
         return self.settings.policy.acting(self.signals)
 
+    @cached_property
+    def of_modes(self) -> list[int]:
+        """Those at which contacts change their modes."""
+        return [i for i in self.acting.tolist() if i not in self.signals.logged]
+
     def evaluation_times(self, begin: float, end: float) -> list[float]:
         """Return the times after `begin` at which the margins of a step to `end` are evaluated [s]."""
         return evaluation_times(begin, end, self.scheme.c.tolist()) if len(self.signals.limited) else [end]

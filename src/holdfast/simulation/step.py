@@ -42,12 +42,14 @@ class StageRequest(NamedTuple):
         t: time [s].
         state: the state at the stage, which violates the grasps slightly.
         turns: (3,) rotation vector u of each free body, with R = exp(u) R_0 relative to the step's start [rad].
+        until: the step's end [s].
         implicit: additional armatures and torques of a linearly implicit scheme.
     """
 
     t: Scalar
     state: State
     turns: list[Array]
+    until: Scalar
     implicit: Implicit | None = None
 
 
@@ -121,8 +123,8 @@ def take_step(
 
     def stage(i: int, y: Array | None, implicit: Implicit | None = None) -> StageRequest:
         if y is None:
-            return StageRequest(times[i], start, no_turns(start), implicit)
-        return StageRequest(times[i], displaced(start, _finite(y)), turns_of(start, y), implicit)
+            return StageRequest(times[i], start, no_turns(start), until, implicit)
+        return StageRequest(times[i], displaced(start, _finite(y)), turns_of(start, y), until, implicit)
 
     if passive is None:
         y, estimates = yield from runge_kutta_step(first, h, scheme, stage)

@@ -46,6 +46,8 @@ DROPS = 2.0
 FLAT = 1e-9  # relative, or absolute below 1: a smaller drop is rounding
 TIME_OF_MINIMUM = 1e-7  # precision of the time of a minimum, as a fraction of the step
 CROSSING = 1e-13  # [s]: precision of the time of a zero
+PAST_JUMP = 4.0 * CROSSING  # [s]: steps across jumps
+JUMP = 1e-6  # relative, or absolute below 1: by so much a margin changes within the precision of a zero
 
 Reach = Callable[[Sequence[float]], list[Advance]]
 REFUSALS = (SingularChainError, ClosureError, StateError)
@@ -132,7 +134,13 @@ def evaluation_parts(nodes: Sequence[float]) -> list[float]:
 
 
 def verify(
-    curves: MarginCurves, begin: float, times: list[float], watched: Array, acting: Array, lowest: Array
+    curves: MarginCurves,
+    begin: float,
+    times: list[float],
+    watched: Array,
+    acting: Array,
+    lowest: Array,
+    of_modes: Sequence[int] = (),
 ) -> StepMargins:
     """Return the refined margins of a step, and the time at which it has to end.
 
@@ -144,6 +152,8 @@ def verify(
         watched: indices of the signals that have a limit.
         acting: indices of those that end the step when they become negative.
         lowest: (signals,) the lowest margins of the run so far.
+        of_modes: those at whose zeros contacts change their modes; a step that finds a jump of one ends just before it,
+            as the forces of fixed modes satisfy no law past it, and only the next, of at most `PAST_JUMP`, goes there.
     """
     failure: HoldfastError | None = None
     try:
@@ -157,12 +167,22 @@ def verify(
         zero = _first_zero(curves, begin, acting)
     except REFUSALS as cause:
         failure, zero = cause, None
-    end = times[-1] if zero is None else zero
+    end = times[-1] if zero is None else _end(curves, begin, zero, of_modes)
     if zero is None and failure is not None:
         curves.advances[end] = Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
     found, margins = curves.table()
     kept = found <= end
     return StepMargins(found[kept], margins[kept], int(np.searchsorted(found, begin)), curves.advances[end])
+
+
+def _end(curves: MarginCurves, begin: float, zero: float, of_modes: Sequence[int]) -> float:
+    """Return the end of a step that finds a negative margin at a time: that time, or just before if it jumps there."""
+    times, margins = curves.table()
+    k, m = int(np.searchsorted(times, zero)), margins[:, of_modes]
+    if zero - begin <= PAST_JUMP or times[k - 1] <= begin:
+        return zero
+    jumps = (m[k] < 0.0) & (m[k - 1] - m[k] > JUMP * np.maximum(1.0, np.ptp(m[:k], axis=0)))
+    return float(times[k - 1]) if jumps.any() else zero
 
 
 def verified_without_steps(

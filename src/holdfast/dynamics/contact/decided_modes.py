@@ -133,12 +133,9 @@ def decided(
     near = rows.gap <= CLOSED
     reached = Reached([], [], {}) if reached is None else reached
     near[reached.touched] = True
-    touched = np.zeros(k, int)
-    touched[reached.touched] = ContactMode.STICKS
-    meets = ContactModes(touched, np.zeros((k, d)), hands)
-    state = on_contacts(
-        chain, state, meets, velocities=False, responses=at_rest
-    )  # or rebounds would sum up errors of location
+    meets = ContactModes(np.where(near, ContactMode.STICKS, ContactMode.OPEN), np.zeros((k, d)), hands)
+    # or rebounds would sum up errors of location, and to close one of several later would push others in
+    state = on_contacts(chain, state, meets, velocities=False, responses=at_rest)
     closed = np.flatnonzero(near)
     base = np.zeros(6)
     total, slow, change, jammed, jams = np.zeros((k, 3)), np.zeros(k), 0.0, False, False

@@ -13,6 +13,9 @@ slip before. Only then can the time of the stop be located as the zero of a smoo
 Friction turns a slip into its own direction in the time |u_t| / (mu lambda_n |C_t P C_t^T|), which is next to nothing
 where slip begins. There the direction follows from the law: acceleration and friction are opposite, a_t = s t and
 lambda_t = -mu lambda_n t with s >= 0. These t are found by Newton's method, for all contacts that begin at once.
+
+Where slip stops, that time tends to zero, too. A slip that no longer turns keeps its direction within a step past its
+stop: a deviation would grow there, as |u_t| to the power of mu lambda_n |C_t P C_t^T| / |a_t|.
 """
 
 from __future__ import annotations
@@ -46,10 +49,12 @@ STOPPED_SPEED = 1e-6  # m/s: a slower slip has stopped
 SLOWEST_SLIP = 1e-7  # m/s: a slower slip has no direction of its own
 BEGINS_FOR = 5e-4  # s: the time in which friction turns a slip from which its direction is its own
 MOST_TURNS, SAME_SLIP = 30, 1e-13
+TURNABLE = 1e-2  # of the mobility across a slip: the least that other contacts leave where friction turns it
 STRAIGHT = 1e-10  # m/s: less across the direction that friction keeps is no turn, but rounding
+STAYS_STRAIGHT = 1e-8  # m/s: the same for a slip that has kept its direction already
+STOPS_SOON = 8.0  # steps: a slip that stops within so many keeps its direction; `verify` looks at eighths
 DEPENDENT_CONTACT_ROWS = 1e-11  # singular values below this part of the largest are those of dependent rows
-SETTLED_GAP = 1e-15  # m
-ROUNDS = 3
+SETTLED_GAP, ROUNDS = 1e-15, 3  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,32 +67,25 @@ class ContactModes(Frozen):
             fingers, whose fourth component is the spin times the torsion radius.
         hands: hands that slide, whose points follow the contacts with the world.
         begins: contacts whose slip has just begun, and takes its direction from the law.
+        straight: slips that keep their direction, see `Touch.modes_within`.
     """
 
     mode: Array
     slip: Array
     hands: tuple[Hand, ...] = ()
     begins: frozenset[int] = frozenset()
+    straight: frozenset[int] = frozenset()
 
     @property
     def closed(self) -> Array:
         """The indices of the contacts that are closed."""
         return np.flatnonzero(self.mode != ContactMode.OPEN)
 
-    def imposed(self, directions: Array | None = None) -> tuple[Array, Array]:
-        """Return contact (m,) and unit vector (m, 3 or 4) in contact axes of every imposed row.
-
-        Args:
-            directions: (k, 2 or 3) of the slips, contact axes, to impose the rows across those that begin besides.
-        """
-        of, units, d = [], [np.zeros((0, self.slip.shape[1]))], self.slip.shape[1]
-        for j in self.closed.tolist():
-            rows = np.eye(d) if self.mode[j] == ContactMode.STICKS else np.eye(d)[2:3]
-            if directions is not None and j in self.begins:
-                rows = np.concatenate([rows, np.insert(_across(directions[j]), 2, 0.0, axis=1)])
-            of += [j] * len(rows)
-            units.append(rows)
-        return np.array(of, dtype=int), np.concatenate(units)
+    def imposed(self) -> tuple[Array, Array]:
+        """Return contact (m,) and unit vector (m, 3 or 4) in contact axes of every imposed row."""
+        axes, sticks = np.eye(self.slip.shape[1]), self.mode == ContactMode.STICKS
+        rows = [(j, n) for j in self.closed.tolist() for n in (axes if sticks[j] else axes[2:3])]
+        return np.array([j for j, _ in rows], dtype=int), np.array([n for _, n in rows]).reshape(-1, len(axes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +99,7 @@ class Touch(Frozen):
         velocity: (k, 3) u, contact axes [m/s]; (k, 4) likewise.
         modes: the modes, with the slip directions of this instant.
         slip_speed: (k,) velocity along the direction of slip at the step's start; infinite unless slipping [m/s].
+        stops_in: (k,) time in which a slip stops that does not turn; infinite for others [s].
         turning_time: the shortest time in which a slip may turn into another direction, |u_t| over its acceleration,
             or over the one that friction gives if that is larger; infinite where no slip turns [s]. Of a slip that
             begins, twice the time until its direction is its own, if its speed grows with the square of time.
@@ -111,7 +110,12 @@ class Touch(Frozen):
     velocity: Array
     modes: ContactModes
     slip_speed: Array
+    stops_in: Array
     turning_time: float = np.inf
+
+    def modes_within(self, h: float) -> ContactModes:
+        """Return the modes for a step of a length [s], in which slips that stop soon and do not turn are straight."""
+        return replace(self.modes, straight=frozenset(np.flatnonzero(self.stops_in < STOPS_SOON * h).tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,18 +182,17 @@ def touch_with(at_rest: RestResponses, state: State, acceleration: Array, modes:
     rows = at_rest.rows(state)
     u = rows.velocity(stacked_twist(at_rest.chain, state, modes.hands))
     directions, slip, speed = _slip(rows, u, modes)
-    force, turning, begins = np.zeros(u.shape), np.inf, modes.begins
+    force, turning, stops, begins = np.zeros(u.shape), np.inf, np.full(len(u), np.inf), modes.begins
     if len(modes.closed):
         P = at_rest.mobility(state)
         found = _along_law(rows, P, acceleration, modes, directions)
         if found is None:  # slips have their own directions
-            begins, modes = frozenset[int](), replace(modes, begins=frozenset())
-            directions, slip, speed = _slip(rows, u, modes)
-            found = directions, _imposing(rows, P, acceleration, modes, directions)
+            return touch_with(at_rest, state, acceleration, replace(modes, begins=frozenset()))
         directions, (force, moving, *_) = found
-        slip = _in_world(rows, directions, begins, slip)
-        speed, turning, begins = _turning(rows, P, moving, u, force, modes, speed)
-    return Touch(rows, force, u, replace(modes, slip=slip, begins=begins), speed, turning)
+        for j in begins:
+            slip[j] = slip_in_world(rows.axes[j], directions[j])
+        speed, stops, turning, begins = _turning(rows, P, moving, u, force, modes, speed)
+    return Touch(rows, force, u, replace(modes, slip=slip, begins=begins, straight=frozenset()), speed, stops, turning)
 
 
 def _along_law(
@@ -249,8 +252,7 @@ def _imposing(
     force, gives = np.zeros(modes.slip.shape), units.copy()
     slips = modes.mode[of] == ContactMode.SLIPS
     gives[np.ix_(slips, tangents(gives))] = -rows.friction[of[slips], None] * directions[of[slips]]
-    A = np.einsum("mia,mi->ma", rows.C[of], units)
-    D = np.einsum("mia,mi->ma", rows.C[of], gives)
+    A, D = (np.einsum("mia,mi->ma", rows.C[of], x) for x in (units, gives))
     b = A @ acceleration + (rows.drift[of] * units).sum(axis=1)
     x = np.linalg.lstsq(A @ P @ D.T, -b, rcond=DEPENDENT_CONTACT_ROWS)[0]
     x = within_cones(of, D, rows.friction, modes.mode == ContactMode.STICKS, x)
@@ -258,17 +260,10 @@ def _imposing(
     return ImposedContacts(force, acceleration + P @ (x @ D), A, D)
 
 
-def _in_world(rows: ContactRows, directions: Array, begins: frozenset[int], slip: Array) -> Array:
-    found = slip.copy()
-    for j in begins:
-        found[j] = slip_in_world(rows.axes[j], directions[j])
-    return found
-
-
 def _turning(
     rows: ContactRows, P: Array, acceleration: Array, u: Array, force: Array, modes: ContactModes, speed: Array
-) -> tuple[Array, float, frozenset[int]]:
-    """Return `Touch.slip_speed`, `Touch.turning_time`, and the contacts that still begin to slip.
+) -> tuple[Array, Array, float, frozenset[int]]:
+    """Return `Touch.slip_speed`, `stops_in`, `turning_time`, and the contacts that still begin to slip.
 
     A slip that turns need not pass zero where it stops: it has stopped below `STOPPED_SPEED`.
 
@@ -281,13 +276,13 @@ def _turning(
         modes: the modes.
         speed: (k,) along the slip before.
     """
-    along, shortest, begins, speed = tangents(u), np.inf, set(modes.begins), speed.copy()
+    along, shortest, begins = tangents(u), np.inf, set(modes.begins)
+    speed, stops = speed.copy(), np.full(len(u), np.inf)
     for j in np.flatnonzero(modes.mode == ContactMode.SLIPS).tolist():
         C, t = rows.C[j, along], u[j, along]
         size = float(np.linalg.norm(t))
         given = float(rows.friction[j] * force[j, 2] * np.linalg.norm(C @ P @ C.T, 2))
-        if j in begins:
-            begins -= {j} if size > BEGINS_FOR * given else set()
+        begins -= {j} if size > BEGINS_FOR * given else set()
         a = C @ acceleration + rows.drift[j, along]
         if j in begins and min(size, float(np.linalg.norm(a))) > 0.0:
             since = 2.0 * size / float(np.linalg.norm(a))
@@ -295,13 +290,14 @@ def _turning(
         if j in begins or not min(size, given) > 0.0:
             continue
         across = a - t * float(t @ a) / size**2
-        if size * np.linalg.norm(across) <= STRAIGHT * given:
+        if size * np.linalg.norm(across) <= (STAYS_STRAIGHT if j in modes.straight else STRAIGHT) * given:
+            stops[j] = size**2 / -float(t @ a) if t @ a < 0.0 else np.inf
             continue
         if size > STOPPED_SPEED:
             shortest = min(shortest, size / max(given, float(np.linalg.norm(a))))
-        elif t @ a < 0.0:
+        elif t @ a < 0.0 and j not in modes.straight:
             speed[j] = min(speed[j], size - STOPPED_SPEED)
-    return speed, shortest, frozenset(begins)
+    return speed, stops, shortest, frozenset(begins)
 
 
 def _slip(rows: ContactRows, u: Array, modes: ContactModes) -> tuple[Array, Array, Array]:
@@ -315,7 +311,7 @@ def _slip(rows: ContactRows, u: Array, modes: ContactModes) -> tuple[Array, Arra
         before = slip_in_axes(rows.axes[j], modes.slip[j])
         speed[j] = t[j] @ before
         size = float(np.linalg.norm(t[j]))
-        own = size > SLOWEST_SLIP and j not in modes.begins
+        own = size > SLOWEST_SLIP and j not in modes.begins | modes.straight
         d = t[j] / size if own else before / np.linalg.norm(before)
         along[j] = d if d @ before >= 0.0 else -d
         if own and speed[j] > 0.0:
@@ -374,10 +370,29 @@ def on_contacts(
         return state
     rows = at_rest.rows(state)
     u = rows.velocity(stacked_twist(chain, state, modes.hands))
-    of, units = modes.imposed(_slip(rows, u, modes)[0])
-    A = np.einsum("mia,mi->ma", rows.C[of], units)
-    push = _removing(at_rest.mobility(state), A, (u[of] * units).sum(axis=1))
-    return quickened(state, at_rest.change(state, push))
+    of, units = modes.imposed()
+    P, A, gap = at_rest.mobility(state), np.einsum("mia,mi->ma", rows.C[of], units), (u[of] * units).sum(axis=1)
+    if modes.begins:
+        E, aside = _turnable(rows, u, modes, A, P)
+        A, gap = np.concatenate([A, E]), np.append(gap, aside)
+    return quickened(state, at_rest.change(state, _removing(P, A, gap)))
+
+
+def _turnable(rows: ContactRows, u: Array, modes: ContactModes, A: Array, P: Array) -> tuple[Array, Array]:
+    """Return the rows across slips that begin, and the velocities along them, if friction can turn them.
+
+    Where other rows leave one direction, it cannot: a row that is nearly across it would end the slip.
+    """
+    along, directions = tangents(u), _slip(rows, u, modes)[0]
+    across = [(j, B) for j in sorted(modes.begins) for B in _across(directions[j])]
+    E, aside = (np.array([B @ x[j, along] for j, B in across]) for x in (rows.C, u))
+    Q = P - P @ A.T @ np.linalg.lstsq(A @ P @ A.T, A @ P, rcond=DEPENDENT_CONTACT_ROWS)[0]
+    kept = []
+    for k, one in enumerate(E):
+        if (left := one @ Q @ one) > TURNABLE * (one @ P @ one):
+            kept.append(k)
+            Q = Q - np.outer(Q @ one, Q @ one) / left
+    return E[kept], aside[kept]
 
 
 def _removing(P: Array, A: Array, gap: Array) -> Array:

@@ -157,7 +157,7 @@ class StagewiseContactStepper(StagewiseStepper):
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state without projection."""
-        found, (stage,), (touch,) = self._touching([t], [state], memory, None, self.modes)
+        found, (stage,), (touch,) = self._touching([t], [state], memory, None, [self.modes])
         return replace(instant_of(found, 0, stage), touch=touch)
 
     def replies(self, now: Instant, requests: Sequence[EvaluationRequest]) -> list[Any]:
@@ -170,11 +170,13 @@ class StagewiseContactStepper(StagewiseStepper):
             if not modes.begins:
                 return found
             closed = [state for state, _ in found]  # whose slips turn into their directions at the step's end
-            touches = self._touching(times, closed, now.memory, held, modes)[2]
+            touches = self._touching(times, closed, now.memory, held, [modes] * len(times))[2]
             turned = [replace(touch.modes, begins=modes.begins) for touch in touches]
             return [self._on_contacts(*one, own) for one, own in zip(found, turned, strict=True)]
         rows = held if isinstance(requests[0], StageRequest) else None
-        found, stages, touches = self._touching(times, states, now.memory, rows, modes)
+        ends = [one.until if isinstance(one, StageRequest) else one.t for one in requests]
+        each = [modes if now.touch is None else now.touch.modes_within(end - now.t) for end in ends]
+        found, stages, touches = self._touching(times, states, now.memory, rows, each)
         return [
             slope_at(found["slope"][row], one)
             if isinstance(one, StageRequest)
@@ -206,7 +208,7 @@ class StagewiseContactStepper(StagewiseStepper):
         return closed, Gaps(*(np.array(pair) for pair in both))
 
     def _touching(
-        self, times: list[float], states: list[State], memory: Any, rows: Array | None, modes: ContactModes
+        self, times: list[float], states: list[State], memory: Any, rows: Array | None, modes: Sequence[ContactModes]
     ) -> tuple[Systems, list[StageInputs], list[Touch]]:
         """Return the systems at the given states with contact forces, their inputs with these, and the contacts."""
         stages = [
@@ -214,8 +216,8 @@ class StagewiseContactStepper(StagewiseStepper):
         ]
         found = self._run(states, stages, memory, rows, held=True)
         touches = [
-            touch_with(self.responses, state, alpha, modes)
-            for state, alpha in zip(states, found["object_acceleration"], strict=True)
+            touch_with(self.responses, state, alpha, of)
+            for state, alpha, of in zip(states, found["object_acceleration"], modes, strict=True)
         ]
         stages = [_with_wrench(one, at.rows.wrench(at.force)) for one, at in zip(stages, touches, strict=True)]
         if any(at.force.any() for at in touches):
