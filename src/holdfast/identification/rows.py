@@ -118,9 +118,16 @@ class RecordedRows:
 
 
 def rows_of(
-    chain: ClosedChain, recordings: list[Recording], terms: Terms, gravity: Array | None = None
+    chain: ClosedChain, recordings: Sequence[Recording], terms: Terms, gravity: Array | None = None
 ) -> RecordedRows:
-    """Return the equations of recordings with rates and accelerations, for the chain's gravity or another. O(s n^3)."""
+    """Return the equations of recordings with rates and accelerations. O(samples n^3).
+
+    Args:
+        chain: the chain.
+        recordings: the recordings.
+        terms: the terms of the equations.
+        gravity: (3,) gravity; the chain's by default.
+    """
     found = _equations(chain, recordings, terms, gravity)
     values, often = np.unique(np.concatenate([ranks for *_, ranks in found]), return_counts=True)
     usual = int(values[np.argmax(often)])
