@@ -10,7 +10,8 @@ Then the same of forward dynamics of two Pandas whose box stands on a table, wit
 warm are three of Newton's steps. At last the time of a step of a rollout with these contacts, for each of 512 systems
 with slightly different torques, after they have landed, beside that of the midpoint rule without contacts; and the
 processor time of a step of `simulate` while two Pandas lay a box flat on a table, of its sample, and how many steps the
-reference takes; and that of a step by events while no contact is closed. `--runs` prints these alone.
+reference takes; and that of a step by events while no contact is closed, while four stick, and while four slip.
+`--runs` prints these alone.
 """
 
 from __future__ import annotations
@@ -211,13 +212,25 @@ def of_runs() -> None:
             print(
                 f"simulate, {doing}: {step:.1f} ms a step, {one:.2f} ms of it its sample; {len(taken)} by the reference"
             )
+    of_events("above the table", lowering([0.0, 0.0, -0.1]), 0.0)
+    of_events("at rest on it", lowering([0.0, 0.0, -0.1]), 0.2)
+    of_events("sliding on it", lowering([0.15, 0.0, -0.13]), 0.2)
+
+
+def of_events(doing: str, run: tuple[Any, ...], begin: float) -> None:
+    """Print the processor time of a step by events after a time [s], from runs with 150 and with 50 steps."""
+    kept: list[Any] = [None]
+    if begin:
+        hf.simulate(*run, begin, 1e-3, contacts="events", on_checkpoint=kept.append)
     spent: dict[int, list[float]] = {150: [], 50: []}
     for _ in range(8):  # the first compiles
         for steps, all_of in spent.items():
-            begin = time.process_time()
-            hf.simulate(chain, state, law, steps * 1e-3, 1e-3, contacts="events")
-            all_of.append(1e3 * (time.process_time() - begin))
-    print(f"simulate by events, above the table: {(min(spent[150]) - min(spent[50])) / 100:.2f} ms a step")
+            now = time.process_time()
+            found = hf.simulate(*run, begin + steps * 1e-3, 1e-3, contacts="events", start=kept[-1])
+            all_of.append(1e3 * (time.process_time() - now))
+    closed = int((found.touch_mode[-1] != 0).sum())
+    each = (min(spent[150]) - min(spent[50])) / 100
+    print(f"simulate by events, {doing}, {closed} closed: {each:.2f} ms a step")
 
 
 def start_of(one: Drawn) -> Array:

@@ -19,14 +19,14 @@ import holdfast as hf
 from holdfast.forces.force_split import split
 from holdfast.simulation import run as run_module
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.rollout import mechanism_steppers
+from holdfast.simulation.rollout import compiled_steppers, mechanism_steppers
 from holdfast.simulation.rollout.fused_stepper import MOST_TOGETHER
 from holdfast.simulation.run import FEWEST_TOGETHER, Pace
 from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.simulation.uneventful import uneventful_steps
 from holdfast.simulation.zero_order_hold import AskedOnce
 from holdfast.spatial import scalar
-from holdfast.world import HalfSpace, Touching
+from holdfast.world import HalfSpace, Touching, corners
 from tests.longer import mostly_long, mostly_slow
 from tests.simulation.problems import PROBLEMS
 from tests.systems.branched import branched_problems, swinging
@@ -128,6 +128,22 @@ def tracking(rise: float = 0.01, table: float | None = None, **more: Any) -> hf.
     return hf.simulate(chain, state, law, STEPS * STEP, STEP, **more)
 
 
+def sliding(spin: float, slope: float = 0.0, steps: int = STEPS) -> Callable[..., hf.simulation.Trajectory]:
+    """Return what simulates a box on a floor, which slides and stops, or stands where it hardly sticks."""
+
+    def run(**more: Any) -> hf.simulation.Trajectory:
+        frame = hf.Pose.from_rpy(0.0, slope, 0.0)
+        floor = HalfSpace(normal=frame.R[:, 2], offset=-0.05, friction=0.4)
+        touching = Touching(corners(0.2, 0.2, 0.1), {"floor": floor})
+        chain = hf.ClosedChain({}, hf.HeldObject.box(2.0, 0.2, 0.2, 0.1), {}, touching=touching)
+        none = hf.ControlLaw(lambda t, now, memory, given: (np.zeros(0), memory))
+        state = hf.State([], [], frame, spin * np.array([0.0, 0.0, 0.8, 0.1, 0.1, 0.0]))
+        with mock.patch.object(compiled_steppers, "STEPS_WORTH_COMPILING", 1):
+            return hf.simulate(chain, state, none, steps * STEP, STEP, **more)
+
+    return run
+
+
 def four_bar(**more: Any) -> hf.simulation.Trajectory:
     """Simulate the N-four-bar, whose forces are not unique, through its first flat configuration."""
     free = hf.ControlLaw(lambda t, now, memory, given: (0.0 * now.qd, memory))
@@ -180,6 +196,8 @@ RUNS: dict[str, tuple[Callable[..., hf.simulation.Trajectory], int]] = {  # and 
     "minima of margins": (tracking, STEPS),
     "minima, sampled": (partial(tracking, sample_time=2 * STEP), STEPS),
     "onto a table": (partial(tracking, -0.01, 0.008), STEPS // 2),
+    "a box slides and stops": (sliding(1.0), STEPS // 4),
+    "a box hardly sticks": (sliding(0.0, 0.37, 3), 0),
     "above a table, sampled": (partial(tracking, 0.01, 1e-4, sample_time=2 * STEP), STEPS // 2),
     "a moving base": (of_pandas(base_motion={"left": swaying}), STEPS // 4),
     "flat linkage": (four_bar, 190),
@@ -217,6 +235,7 @@ SOON = [
     "pendulum",
 ]
 LATER = [
+    "a box hardly sticks",
     "sampled, delayed",
     "above a table, sampled",
     "minima, sampled",

@@ -39,7 +39,8 @@ class Options:
         resolution: whether steps notice that they may not follow the motion (`simulation.resolution`).
         adaptive: whether steps estimate their error and compare it with a tolerance, an input.
         stages: number of stages of a step with given values (`rollout.stage_values`); 0 if a law computes torques.
-        contacts: how steps find impulses of contacts with the world, see `rollout.traced_impulses`; "" without any.
+        contacts: how steps find impulses of contacts with the world, see `rollout.traced_impulses`, or that contacts
+            keep their modes, see `rollout.traced_modes`; "" without any.
         further: names of further run-time parameters, of the questions that have them as `optional`.
         iterations: number of iterations of questions that are `iterative`; None for each one's own.
     """

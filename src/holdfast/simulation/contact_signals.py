@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.dynamics.contact.fixed_modes import Touch, tangents
+from holdfast.dynamics.contact.fixed_modes import Touch
 from holdfast.dynamics.contact.sliding_hands import Hand, names_of
 from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.simulation.instant import Instant
@@ -75,23 +75,36 @@ class ContactSignals(Signals):
         return np.concatenate([super().of_each(instants), found], axis=1)
 
     def of_arrays(self, x: Mapping[str, Array]) -> Array:
-        """Return all signals of systems whose contacts are open, (..., signals), from their arrays by name."""
-        margins, gap = super().of_arrays(x), x["touch_gap"]
-        found = np.full((*gap.shape, 4), np.inf)
-        found[..., OPENING] = gap - self.least_gap + GAP_ROUNDING
+        """Return all signals of systems, (..., signals), from their arrays by name."""
+        margins, gap, mode = super().of_arrays(x), x["touch_gap"], x["touch_mode"]
+        if "touch_push" in x:
+            speed = np.where(mode == ContactMode.SLIPS, x["touch_speed"], np.inf)
+            found = self._of_contacts(gap, x["touch_push"], self._friction, mode, speed)
+        else:  # all are open
+            found = np.full((*gap.shape, 4), np.inf)
+            found[..., OPENING] = gap - self.least_gap + GAP_ROUNDING
         return np.concatenate([margins, found.reshape(*gap.shape[:-1], -1)], axis=-1)
 
     def _of_touch(self, touch: Touch) -> Array:
         """Return the signals of the contacts, (4 k,)."""
-        mode, force = touch.modes.mode, touch.force
-        found = np.full((len(mode), 4), np.inf)
-        is_open, sticks = mode == ContactMode.OPEN, mode == ContactMode.STICKS
-        found[is_open, OPENING] = (touch.rows.gap - self.least_gap + GAP_ROUNDING)[is_open]
-        found[~is_open, FORCE] = force[~is_open, 2]
-        left = touch.rows.friction * force[:, 2] - np.linalg.norm(force[:, tangents(force)], axis=1)
-        found[sticks, CONE] = left[sticks]
-        found[:, SLIP] = touch.slip_speed + SLIP_ROUNDING
-        return found.ravel()
+        rows = touch.rows
+        return self._of_contacts(rows.gap, touch.force, rows.friction, touch.modes.mode, touch.slip_speed).ravel()
+
+    def _of_contacts(self, gap: Array, force: Array, friction: Array, mode: Array, speed: Array) -> Array:
+        """Return the signals of contacts (..., k, 4), from arrays (..., k) and their forces (..., k, 3 or 4)."""
+        is_open, along = mode == ContactMode.OPEN, np.delete(force, 2, axis=-1)
+        left = friction * force[..., 2] - np.sqrt((along * along).sum(axis=-1))
+        found = np.empty((*mode.shape, 4))
+        found[..., OPENING] = np.where(is_open, gap - self.least_gap + GAP_ROUNDING, np.inf)
+        found[..., FORCE] = np.where(is_open, np.inf, force[..., 2])
+        found[..., CONE] = np.where(mode == ContactMode.STICKS, left, np.inf)
+        found[..., SLIP] = speed + SLIP_ROUNDING
+        return found
+
+    @cached_property
+    def _friction(self) -> Array:
+        assert self.chain.touching is not None
+        return np.array([one.shape.friction for one in self.chain.touching.candidates])
 
     def description(self, at: Any, signal: int) -> str:
         """Return a sentence on what happens when a signal reaches zero."""

@@ -73,12 +73,12 @@ def arrays_of(at: Instant) -> dict[str, Array]:
         if at.chain.touching is not None:
             k = len(at.chain.touching.names)  # hands that slide follow
             arrays |= {"touch_force": rows.in_world(force)[:k], "touch_gap": rows.gap[:k], "touch_mode": modes.mode[:k]}
-            arrays |= _kept(rows, force[:k], modes.mode[:k])
+            arrays |= kept_modes(rows, force[:k], modes.mode[:k])
         arrays |= {TOUCH_WRENCH: wrench, HAND_WRENCH: wrenches_of_hands(at.chain, modes.hands, wrench)}
     return {name: x[None] for name, x in arrays.items() if x is not None}
 
 
-def _kept(rows: ContactRows, force: Array, mode: Array) -> dict[str, Array]:
+def kept_modes(rows: ContactRows, force: Array, mode: Array) -> dict[str, Array]:
     """Return by how much forces of contacts (k, 3) in contact axes keep their modes, and whether they are unique.
 
     They are if the forces along which pressing contacts may act are independent as wrenches on the object.
@@ -100,13 +100,13 @@ def _kept(rows: ContactRows, force: Array, mode: Array) -> dict[str, Array]:
 
 
 def with_kept_modes(chain: ClosedChain, arrays: Mapping[str, Array]) -> dict[str, Array]:
-    """Return samples of steps with impulses of contacts, with what `_kept` says of each."""
+    """Return samples of steps with impulses of contacts, with what `kept_modes` says of each."""
     touching, found = chain.touching, []
     assert touching is not None
     for k, pose in enumerate(arrays["object_pose"]):
         rows = contact_rows(touching, Pose.from_wxyz_xyz(pose), arrays["object_twist"][k])
         force = np.einsum("kia,ka->ki", rows.axes, arrays["touch_force"][k])
-        found.append(_kept(rows, force, arrays["touch_mode"][k]))
+        found.append(kept_modes(rows, force, arrays["touch_mode"][k]))
     return {**arrays, **{name: np.stack([one[name] for one in found]) for name in found[0]}}
 
 

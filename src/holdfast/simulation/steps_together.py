@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.questions.arrays import FLOATING, STATE, state_of
-from holdfast.simulation.rollout.fused_stepper import FusedStepper
+from holdfast.simulation.rollout.fused_stepper import MODES, FusedStepper
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.rollout.rows import ACCELERATIONS
@@ -21,7 +21,18 @@ from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.scalar import Array
 
 # what is needed of a step's start, to take the step again and to judge it
-OF_STARTS = (*STATE, *FLOATING, "slope", "memory", "held_rows", "condition", *ACCELERATIONS)
+OF_STARTS = (
+    *STATE,
+    *FLOATING,
+    "slope",
+    "memory",
+    "held_rows",
+    "condition",
+    *ACCELERATIONS,
+    *MODES,
+    "touch_turning",
+    "touch_stops",
+)
 
 
 class StepsTogether(NamedTuple):

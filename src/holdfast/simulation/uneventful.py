@@ -17,6 +17,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.constraint import SMALLEST_LENGTH, coordinate_sizes
+from holdfast.dynamics.contact.fixed_modes import STOPS_SOON
 from holdfast.dynamics.near_singular import chain_strength
 from holdfast.questions.arrays import state_of
 from holdfast.simulation.adaptive_parts import agreement, disagreement
@@ -28,7 +29,7 @@ from holdfast.simulation.resolution import leap, least_difference
 from holdfast.simulation.rollout.fused_stepper import FusedStepper
 from holdfast.simulation.rollout.python_law_stepper import PythonLawStepper
 from holdfast.simulation.rollout.rows import ACCELERATIONS, TWISTS, gaps_of, velocities_in
-from holdfast.simulation.run_step import LARGEST_RATE, RunState
+from holdfast.simulation.run_step import LARGEST_RATE, TURNING, RunState
 from holdfast.simulation.sample import Samples, lowest_of
 from holdfast.simulation.segment import suited
 from holdfast.simulation.singular_configuration import (
@@ -64,7 +65,7 @@ def uneventful_steps(at: RunState, most: int) -> Stretch | None:
         most: the largest number of steps to take, at most `MOST_TOGETHER`.
     """
     stepper = stepper_of(at.segment)
-    if stepper is None or at.ended is not None or at.violated() is not None:
+    if stepper is None or at.ended is not None or at.violated() is not None or not stepper.follows(at.now):
         return None
     ends, jumps = next_ends(at, most)
     if not len(ends):
@@ -104,6 +105,7 @@ def _eventful(at: RunState, steps: StepsTogether) -> Array:
     found |= ~(np.abs(ends["qd"]).max(axis=-1, initial=0.0) < LARGEST_RATE)
     found |= (steps.after_jumps["code"][:, 0] != 0.0) & steps.jumps
     found[steps.failed :] = True
+    found |= _turns(steps)
     found |= _near_limits(at, steps) | _unresolved(at, steps)
     singular, long = _near_singular(at, steps)
     cells = (cell(steps.starts["q"]) != cell(ends["q"])).any(axis=-1)
@@ -113,6 +115,18 @@ def _eventful(at: RunState, steps: StepsTogether) -> Array:
         found[k] |= (cells[k] and _becomes_stiff(at, steps, k)) or (singular[k] and _loses_rank(at, steps, k))
     long[np.logical_or.accumulate(found)] = False  # nobody asks
     return found | _too_long(at, steps, long)
+
+
+def _turns(steps: StepsTogether) -> Array:
+    """Return in which steps friction may turn a slip too far, or a slip or a jump changes what contacts do, (k,).
+
+    A slip that stops soon keeps its direction; see `Touch.modes_within`.
+    """
+    starts, t = steps.starts, steps.times
+    if "touch_turning" not in starts:
+        return np.zeros(len(t), dtype=bool)
+    stops = (starts["touch_stops"] < STOPS_SOON * (t[:, -1] - t[:, 0])[:, None]).any(axis=-1)
+    return steps.jumps | stops | (t[:, 0] + TURNING * starts["touch_turning"] < t[:, -1])
 
 
 def _becomes_stiff(at: RunState, steps: StepsTogether, k: int) -> bool:
@@ -287,6 +301,7 @@ def _accepted(
     for name, array in steps.after_jumps.items():
         x[name][jumped] = array[step[jumped], 0]
     x["gaps"][jumped] = 0.0
+    x |= stepper.of_samples(x)
     margins, times = steps.margins[1:, step], steps.times[step]
     margins[:, jumped], times[jumped] = margins[:1, jumped], times[jumped, :1]
     t = times[:, -1]
@@ -330,6 +345,7 @@ def _accepted(
             tracker=followed(k),
             resolution=resolution,
             held=steps.held[step[k]] if steps.held else None,
+            contacts=stepper.modes_before(steps.starts, int(step[k]), saved.contacts),
             **before,
         )
 

@@ -14,6 +14,7 @@ from holdfast.simulation.rollout import compiled_impulses
 from holdfast.simulation.rollout.contact_stages import StagewiseContactStepper
 from holdfast.simulation.rollout.open_contacts import ContactSteppers, OpenContactStepper
 from holdfast.simulation.trajectory import array_names
+from holdfast.spatial import rotation
 from holdfast.world import HalfSpace, Touching, corners
 from tests.control.two_pandas import two_pandas
 from tests.systems.stored_cases import stored_cases
@@ -69,6 +70,46 @@ def test_whole_steps_while_contacts_are_open(monkeypatch):
         if name != "lowest_joint" and not name.endswith("_time"):  # both arms have the same margins; some stay the same
             np.testing.assert_allclose(a[before], b[before], rtol=1e-11, atol=1e-11, err_msg=name)
             np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-8, err_msg=name)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("twist", "slope", "by_stages"),
+    [
+        ([0.0, 0.0, 0.8, 0.05, 0.05, 0.0], 0.0, False),
+        ([0.0, 0.0, 0.0, 0.3, 0.1, 0.0], 0.2, False),
+        ([0.0] * 6, 0.37, True),
+    ],
+)
+def test_whole_steps_with_closed_contacts(monkeypatch, twist, slope, by_stages):
+    """A box that turns, slides and stops, one that slides down, and one at rest whose load is shared in another way."""
+    normal = np.array([np.sin(slope), 0.0, np.cos(slope)])
+    touching = Touching(corners(0.2, 0.2, 0.1), {"floor": HalfSpace(normal=normal, friction=0.4)})
+    chain = hf.ClosedChain({}, hf.HeldObject.box(2.0, 0.2, 0.2, 0.1), {}, touching=touching)
+    frame = hf.Pose(rotation.exp(np.array([0.0, slope, 0.0])), 0.05 * normal)
+    state = hf.State([], [], frame, np.concatenate([frame.R @ twist[:3], frame.R @ twist[3:]]))
+    none = hf.ControlLaw(lambda t, state, memory, given: (np.zeros(0), memory))
+    taken, stages = list[float](), StagewiseContactStepper.advance
+
+    def counted(stepper, now, ends):
+        taken.extend(ends)
+        return stages(stepper, now, ends)
+
+    monkeypatch.setattr(StagewiseContactStepper, "advance", counted)
+    monkeypatch.setattr(simulated, "ContactSteppers", lambda steps: ContactSteppers(1000))
+    until = 0.003 if by_stages else 0.03
+    fast = hf.simulate(chain, state, none, until, 1e-3)
+    assert bool(taken) is by_stages
+    monkeypatch.setattr(simulated, "ContactSteppers", lambda steps: ContactSteppers(1))
+    true = hf.simulate(chain, state, none, until, 1e-3)
+    assert taken and fast.stopped is true.stopped is None
+    assert [(one.kind, one.name) for one in fast.occurrences] == [(one.kind, one.name) for one in true.occurrences]
+    for one, other in zip(fast.occurrences, true.occurrences, strict=True):
+        assert abs(one.t - other.t) < 1e-9
+    for name in array_names():
+        if not name.endswith("_time"):
+            a, b = (np.asarray(getattr(run, name)) for run in (fast, true))
+            np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10, err_msg=name)
 
 
 @pytest.mark.slow

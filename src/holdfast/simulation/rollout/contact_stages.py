@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -33,7 +33,7 @@ from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.between_steps import ACCOUNTS
 from holdfast.simulation.rollout.compiled_steppers import StagewiseStepper
 from holdfast.simulation.rollout.fused_stepper import systems_at
-from holdfast.simulation.rollout.kernel import Systems
+from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import StageInputs, instant_of, late, slope_at
 from holdfast.simulation.step import EvaluationRequest, Gaps, ProjectionRequest, StageRequest
 from holdfast.spatial.frozen import NOT_GIVEN, changed
@@ -73,8 +73,12 @@ class CompiledResponses(RestResponses):
 
     def rows(self, state: State) -> ContactRows:
         """Return the contacts' rows."""
+        return self.rows_of(state.object_pose, state.object_twist)
+
+    def rows_of(self, pose: Array, twist: Array) -> ContactRows:
+        """Return the contacts' rows for an object with a pose (7,) and a twist (6,)."""
         of = self._rows
-        of.arrays["object_pose"][...], of.arrays["object_twist"][...] = state.object_pose, state.object_twist
+        of.arrays["object_pose"][...], of.arrays["object_twist"][...] = pose, twist
         of.run()
         assert self.touched.touching is not None
         shapes = [one.shape for one in self.touched.touching.candidates]
@@ -144,10 +148,19 @@ class StagewiseContactStepper(StagewiseStepper):
     Attributes:
         modes: what the contacts do, with slip directions at the start of the stretch.
         responses: the chain's responses at rest.
+        kernels: its machine code, which the steppers of all stretches share; empty until it is needed.
     """
 
     modes: ContactModes = NOT_GIVEN
     responses: CompiledResponses = NOT_GIVEN
+    kernels: list[StepKernel] = field(default_factory=list)
+
+    @cached_property
+    def kernel(self) -> StepKernel:
+        """A compiled step of length zero; see `StagewiseStepper`."""
+        if not self.kernels:
+            self.kernels.append(super().kernel)
+        return self.kernels[0]
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state; see `Stepper`."""

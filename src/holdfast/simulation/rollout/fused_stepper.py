@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from holdfast.compiled.structure import Options
 from holdfast.control.controller import ControlLaw
+from holdfast.dynamics.contact.fixed_modes import ContactModes
 from holdfast.questions.arrays import FLOATING, STATE, state_of
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
@@ -38,6 +39,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 MOST_TOGETHER = 128  # steps
+MODES = ("touch_mode", "touch_slip")  # what contacts do in a step, among the arrays of an instant
 
 
 class Taken(NamedTuple):
@@ -74,6 +76,8 @@ class FusedStepper:
         tolerance: the tolerance by which the estimated errors are divided to give `Advance.error`.
     """
 
+    contacts: ClassVar[str] = ""  # see `Options`
+
     environment: Environment
     kernel: StepKernel
     scheme: Tableau
@@ -92,7 +96,8 @@ class FusedStepper:
         tolerance: Tolerance | None = None,
     ) -> Self:
         """Return the stepper for a law with the given values of its parameters."""
-        motions, options = environment.base_motion, replace(options_for(environment), adaptive=scheme.adaptive)
+        motions = environment.base_motion
+        options = replace(options_for(environment), adaptive=scheme.adaptive, contacts=cls.contacts)
         kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=motions, options=options, quick=True)
         return cls(environment, kernel, scheme, generic_rank, by_name(values or {}), tolerance or Tolerance())
 
@@ -170,6 +175,24 @@ class FusedStepper:
         """Return what sets the torques of steps at these times; None if a law computes them."""
         return None
 
+    def follows(self, now: Instant) -> bool:
+        """Return whether steps from an instant may be taken together."""
+        return True
+
+    def modes_before(self, starts: Mapping[str, Array], k: int, modes: ContactModes | None) -> ContactModes | None:
+        """Return in which modes of contacts the end of a step is evaluated.
+
+        Args:
+            starts: results at the starts of steps, (steps, ...) by name.
+            k: number of the step.
+            modes: those in which the first step began.
+        """
+        return modes
+
+    def of_samples(self, x: Mapping[str, Array]) -> Systems:
+        """Return what samples record beside what machine code carries, from their arrays (k, ...) by name."""
+        return {}
+
     def in_halves(self, starts: Mapping[str, Array], times: Array) -> list[Systems]:
         """Return the results of both halves of steps that do not depend on each other.
 
@@ -180,7 +203,7 @@ class FusedStepper:
         begin, end = times.T
         middle, at, found = begin + 0.5 * (end - begin), starts, list[Systems]()
         for a, b in ((begin, middle), (middle, end)):
-            state = {name: at[name] for name in (*STATE, *FLOATING) if name in at}
+            state = {name: at[name] for name in (*STATE, *FLOATING, *MODES) if name in at}
             systems = self.kernel.systems(state, starts.get("memory"))  # which is updated once per step
             systems["slope"][...] = at["slope"]
             hold_rows(systems, at.get("held_rows"))

@@ -21,6 +21,7 @@ from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.contact_stepper import TOUCH_WRENCH, ContactStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.rollout.closed_contacts import ClosedContactStepper
 from holdfast.simulation.rollout.compiled_steppers import worth_compiling
 from holdfast.simulation.rollout.contact_stages import CompiledResponses, StagewiseContactStepper, responses_of
 from holdfast.simulation.rollout.fused_stepper import FusedStepper, Taken
@@ -80,12 +81,14 @@ class OpenContactStepper(FusedStepper):
         return touch_with(self.responses, state, np.zeros(6), self.modes)
 
     def _with_contacts(self, x: Mapping[str, Array]) -> Systems:
-        """Return the arrays of systems (..., *shape) with those of their open contacts."""
-        gap = self.responses.gaps_of(x["object_pose"], x["object_twist"])
+        """Return the arrays of systems (..., *shape) with the gaps of their open contacts."""
+        return {**x, "touch_gap": self.responses.gaps_of(x["object_pose"], x["object_twist"])}
+
+    def of_samples(self, x: Mapping[str, Array]) -> Systems:
+        """Return what samples (k, ...) record of open contacts besides their gaps."""
+        gap = x["touch_gap"]
         lead, k = gap.shape[:-1], gap.shape[-1]
         return {
-            **x,
-            "touch_gap": gap,
             "touch_force": np.zeros((*lead, k, 3)),
             "touch_mode": np.full((*lead, k), ContactMode.OPEN.value),
             "touch_margin": np.full((*lead, k), np.inf),
@@ -102,6 +105,7 @@ class ContactSteppers:
         """Begin without a stepper; `steps` is the least number of steps that the run will take."""
         self._steps, self._of = steps, tuple[Any, ...]()
         self._open: OpenContactStepper | None = None
+        self._closed: ClosedContactStepper | None = None
         self._stages: StagewiseContactStepper | None = None
 
     def __call__(
@@ -123,19 +127,23 @@ class ContactSteppers:
         if modes.hands or generic_rank != chain.constraint_row_count or not _in_machine_code(environment, scheme):
             return ContactStepper(*of, modes)
         if len(self._of) != len(of) or any(x is not y for x, y in zip(of, self._of, strict=True)):
-            self._of, self._open, self._stages = of, None, None
+            self._of, self._open, self._closed, self._stages = of, None, None, None
         law, responses = law_of(controller, chain), responses_of(chain)
+        values = getattr(controller, "values", {})
         if law is not None and not len(modes.closed) and worth_compiling(chain, self._steps):
             if self._open is None:
-                values = getattr(controller, "values", {})
                 made = OpenContactStepper.of(environment, law, scheme, generic_rank, values, tolerance)
                 self._open = replace(made, modes=modes, responses=responses)
             return self._open
         if self._stages is None:
             self._stages = StagewiseContactStepper(*of, law, modes, responses)
-        of_stretch = replace(self._stages, modes=modes)
-        vars(of_stretch)["kernel"] = self._stages.kernel
-        return of_stretch
+        stages = replace(self._stages, modes=modes)
+        if law is None or not worth_compiling(chain, self._steps):
+            return stages
+        if self._closed is None:
+            made = ClosedContactStepper.of(environment, law, scheme, generic_rank, values, tolerance)
+            self._closed = replace(made, responses=responses)
+        return self._closed.in_modes(modes, stages)
 
 
 def _in_machine_code(environment: Environment, scheme: Tableau) -> bool:

@@ -21,7 +21,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import BASE_MOTION, CONTACTS, link_parameters, shapes
 from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.increment import increment_size
-from holdfast.simulation.rollout import stage_values, traced_impulses, traced_step
+from holdfast.simulation.rollout import stage_values, traced_impulses, traced_modes, traced_step
 from holdfast.simulation.rollout.traced_step import StepModel
 from holdfast.simulation.rollout.varied_step import VariedSystem
 from holdfast.simulation.runge_kutta import Tableau
@@ -47,6 +47,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, options: Options) -> dic
     known = shapes(chain) | own | {"slope": (increment_size(chain),), TOUCH_WRENCH: (6,)}
     found = {name: known[name] for name in traced_step.step_results(chain)}
     found = {**found, **own}
+    found |= traced_modes.carried_in_modes(chain) if options.contacts == traced_modes.IN_MODES else {}
     found |= {"error": ()} if options.adaptive else {}
     found |= {stage_values.ASKED: stage_values.asked_shape(chain, options.stages)} if options.stages else {}
     if options.held:  # for velocity and, if they differ, for position; see `dynamics.closed.held_rows`
@@ -108,6 +109,7 @@ def _functions(model: StepModel, tableau: Tableau) -> tuple[Callable[..., Any], 
     options = model.structure.options
     take_step = stage_values.step if options.stages else traced_step.step
     take_step = traced_impulses.step if options.contacts else take_step
+    take_step = traced_modes.step if options.contacts == traced_modes.IN_MODES else take_step
     return partial(take_step, model, tableau), partial(traced_step.evaluation, model)
 
 

@@ -1,0 +1,136 @@
+"""The traced step of a system whose contacts with the world keep their modes; see `ContactStepper`.
+
+The modes are numbers that systems carry, so that one step serves all of them. A system whose contact forces take
+decisions keeps its state, with a status code that says so.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled.forward_schedule import SolutionWithStatus
+from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
+from holdfast.compiler.program import Shape
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
+from holdfast.dynamics.closed.chain_solution import ChainSolution
+from holdfast.dynamics.closed.sequential import tips_of
+from holdfast.dynamics.contact.masked_modes import ForcesInModes, MaskedModes, forces_in_modes, imposed
+from holdfast.dynamics.contact.rows import ContactRows, contact_rows
+from holdfast.dynamics.contact.touching_chain import chain_mobility, push_response
+from holdfast.dynamics.projection import displaced_by, largest_gaps, quickened
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.questions.arrays import state_fields
+from holdfast.simulation.contact_stepper import TOUCH_WRENCH
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, step_of
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.step import EvaluationRequest, ProjectionRequest
+from holdfast.spatial.frozen import changed
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, select, where
+from holdfast.spatial.vector import largest
+from holdfast.state import Inputs, State
+
+IN_MODES = "modes"  # `Options.contacts`
+ROUNDS_ON_CONTACTS = 2  # of Newton's method, to close gaps at the step's end
+LEFT_GAP, LEFT_SPEED = 1e-14, 1e-12  # m, m/s: what they may leave at closed contacts
+
+
+def carried_in_modes(chain: ClosedChain) -> dict[str, Shape]:
+    """Return the shapes of the arrays that systems carry besides those of every touching chain, by name.
+
+    They are the forces in contact axes, the directions of slip, and `Touch.slip_speed`, `stops_in` and `turning_time`.
+    """
+    assert chain.touching is not None
+    k = len(chain.touching.candidates)
+    return {"touch_push": (k, 3), "touch_slip": (k, 3), "touch_speed": (k,), "touch_stops": (k,), "touch_turning": ()}
+
+
+class SystemInModes(TracedSystem):
+    """One system during the tracing of a step in fixed modes."""
+
+    def __init__(self, model: StepModel, given: Given) -> None:
+        chain = changed(traced_chain(model.structure, given), touching=model.structure.chain.touching)
+        super().__init__(model, given, Environment(chain, {}, traced_inputs(chain, given)))
+        self.modes = MaskedModes.of(self.last("touch_mode"))
+        self.pushed: Array = np.zeros(6)
+
+    def solve(
+        self, chain: ClosedChain, state: State, tau: Array, inputs: Inputs, held: Array | None, choose: bool
+    ) -> SolutionWithStatus:
+        """Return forward dynamics with the forces of the closed contacts."""
+        state = framed(state)
+        free = super().solve(chain, state, tau, inputs, held, choose)
+        still = chain_at_rest(chain, state)
+        rows = _rows(chain, state)
+        of = rows, chain_mobility(still, tips_of(still)), state.object_twist, free.whole.object_acceleration
+        found = forces_in_modes(*of, self.modes, self.last("touch_slip"))
+        self._enter(rows, found)
+        return super().solve(chain, state, tau, self._with_push(inputs), held, choose)
+
+    def power(
+        self, chain: ClosedChain, state: State, drive: Array, lost: Array, inputs: Inputs, whole: ChainSolution
+    ) -> Array:
+        """Return the power (4,), with that of the contacts."""
+        return super().power(chain, state, drive, lost, self._with_push(inputs), whole)
+
+    def handle(self, request: EvaluationRequest) -> Any:
+        """Return the reply to a request of a step; its end is projected onto the closed contacts as well."""
+        reply = super().handle(request)
+        if not isinstance(request, ProjectionRequest):
+            return reply
+        state, (drift, _) = reply
+        chain, inputs = self.environment.at(request.t, state)
+        self.end, still = None, self.given["held"][()] > 0.5
+        closed = self._on_contacts(chain, state)
+        fields = state_fields(self.real).values()
+        kept = State(**{one: select(still, getattr(state, one), getattr(closed, one)) for one in fields})
+        return kept, [drift, largest_gaps(chain, kept, inputs)]
+
+    def _on_contacts(self, chain: ClosedChain, state: State) -> State:
+        """Return the state moved onto the closed contacts; see `fixed_modes.on_contacts`."""
+        shut, response = self.modes.closed, push_response(chain_at_rest(chain, state), state)
+        P = response.mobility
+        for _ in range(ROUNDS_ON_CONTACTS):
+            rows = _rows(chain, state)
+            A = (shut * rows.C[:, 2].T).T
+            state = displaced_by(state, response.change(A.T @ imposed(P, A, A, shut * rows.gap)[0]))
+        rows, response = _rows(chain, state), push_response(chain_at_rest(chain, state), state)
+        self._require(largest(shut * rows.gap) <= LEFT_GAP)
+        masks = array([[s, s, c] for s, c in zip(self.modes.sticks, self.modes.closed, strict=True)])
+        A, of_world = (masks[..., None] * rows.C).reshape(-1, 6), (masks * rows.carried).reshape(-1)
+        x, left = imposed(response.mobility, A, A, A @ state.object_twist - of_world)
+        self._require(left <= LEFT_SPEED)
+        return quickened(state, response.change(A.T @ x))
+
+    def _require(self, lawful: Scalar) -> None:
+        self.unlawful = maximum(self.unlawful, where(lawful, 0.0, 1.0))
+
+    def _enter(self, rows: ContactRows, found: ForcesInModes) -> None:
+        self._require(found.lawful > 0.5)
+        self.pushed = found.wrench
+        self.touches = {
+            "touch_force": rows.in_world(found.force),
+            "touch_gap": rows.gap,
+            "touch_mode": self.last("touch_mode"),
+            TOUCH_WRENCH: found.wrench,
+            "touch_push": found.force,
+            "touch_slip": found.slip,
+            "touch_speed": found.speed,
+            "touch_stops": found.stops_in,
+            "touch_turning": array(found.turning_time),
+        }
+
+    def _with_push(self, inputs: Inputs) -> Inputs:
+        return changed(inputs, object_wrench=inputs.object_wrench + self.pushed)
+
+
+def step(model: StepModel, tableau: Tableau, given: Given) -> dict[str, Any]:
+    """Return the carried arrays of a system after a step in fixed modes; a system that stops keeps its last state."""
+    return step_of(SystemInModes(model, given), tableau)
+
+
+def _rows(chain: ClosedChain, state: State) -> ContactRows:
+    assert chain.touching is not None
+    return contact_rows(chain.touching, state.object_frame, state.object_twist)
