@@ -37,7 +37,7 @@ from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-MOST_TOGETHER = 128  # steps
+MOST_TOGETHER = 256  # steps
 
 
 class Taken(NamedTuple):
