@@ -427,7 +427,7 @@ def test_asked_once():
 
 
 def test_pace():
-    """Twice as many as went well; after failure none for a while, twice as long each time."""
+    """Twice as many as went well; after failure none for a while, twice as long each time; none inside a step."""
     pace, tries = Pace(), []
     for _ in range(60):
         tries.append(pace.may_try())
@@ -437,7 +437,11 @@ def test_pace():
     pace.taken(1, whole=False)
     assert not pace.may_try() and pace.may_try() and pace.most == FEWEST_TOGETHER
     pace.taken(MOST_TOGETHER - 1, whole=False)
-    assert pace.most == MOST_TOGETHER
+    assert pace.most == MOST_TOGETHER and not pace.may_try()
+    pace.alone(planned=False)
+    assert not pace.may_try()
+    pace.alone(planned=True)
+    assert pace.may_try()
 
 
 @pytest.mark.slow

@@ -96,10 +96,10 @@ class BatchKernel:
         with self._compiling:
             code = self._batch_code
         run, blocks = _BATCH(code.address), -(-batch // self.lanes)
-        arena = aligned(code.notes["arena"]).ctypes  # which keeps the memory
+        arena = aligned(code.notes["arena"]).ctypes.data_as(ctypes.c_void_p)  # which keeps the memory
 
         def run_table(table: int) -> None:
-            run(table, 0, blocks, batch, 1, arena.data)
+            run(table, 0, blocks, batch, 1, arena)
 
         return run_table
 

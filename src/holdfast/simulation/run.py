@@ -250,6 +250,7 @@ def recorded_run(at: RunState, resumed: bool, listeners: Listeners) -> Trajector
             later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_UNPLANNED} steps; try a larger rtol"
             break
         saved = later.checkpoint
+        pace.alone(saved.stop > at.checkpoint.stop)
         if later.now.t > at.now.t and not _is_past_jump(at, later):
             record.add(_sample(later, saved.occurrences[reported:]), lambda _, saved=saved: saved)
             reported = len(saved.occurrences)
@@ -286,6 +287,10 @@ class Pace:
         self._failures += 1
         self._wait = min(2**self._failures, MOST_TOGETHER) - 1
         return True
+
+    def alone(self, planned: bool) -> None:
+        """Take note of a step by itself; if it ended before its planned end, so is the next one."""
+        self._wait = max(self._wait, int(not planned))
 
     def taken(self, count: int, whole: bool) -> None:
         """Take note that steps were taken together; if not all that were tried, the next one is taken by itself."""

@@ -154,7 +154,7 @@ def simulate(
         start: checkpoint from which to continue; `state` is then not used, and only the later samples are returned.
         progress: True to show a progress bar, in a notebook or on a terminal; or a function that is called with the
             time after a step, or after several that were taken together.
-        on_sample: called with every recorded sample; samples of up to 128 steps come one after another.
+        on_sample: called with every recorded sample; samples of up to 256 steps come one after another.
         on_checkpoint: called after `on_sample` with a checkpoint from which the run can be continued.
         on_samples: called with the samples of one or more steps as a run, and the checkpoint after the last of them, to
             which what has happened belongs.

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -129,7 +130,11 @@ def may_be_unresolved(previous: Instant | None, now: Instant, later: Instant) ->
 
 def may_lose_rank(now: Instant, until: float) -> bool:
     """Return whether the joints move so far until a time [s] that the constraint may lose rank by then."""
-    turned = _moved(now.chain, now.state, _ahead(now)(until), until - now.t)
+    return _may_lose_on(_ahead(now), now, until)
+
+
+def _may_lose_on(way: Way, now: Instant, until: float) -> bool:
+    turned = _moved(now.chain, now.state, way(until), until - now.t)
     return bool(may_lose(_strength(now), turned)) and turned <= LARGEST_MOTION
 
 
@@ -158,8 +163,8 @@ def time_left(segment: Segment, now: Instant, step: float) -> float | None:
         now: an accepted instant.
         step: the length of the next step [s].
     """
-    until = now.t + 2.0 * step
-    found = _drop(segment, _ahead(now), now.t, until) if may_lose_rank(now, until) else None
+    until, way = now.t + 2.0 * step, _ahead(now)
+    found = _drop(segment, way, now.t, until) if _may_lose_on(way, now, until) else None
     return None if found is None else found.at - now.t
 
 
@@ -198,6 +203,7 @@ def _moved(chain: ClosedChain, a: State, b: State, h: float) -> float:
 def _ahead(now: Instant) -> Way:
     """Return the motion with constant accelerations, those of an instant, as a function of time."""
 
+    @cache
     def state(t: float) -> State:
         h = t - now.t
         return moved(now.state, h * now.velocities + 0.5 * h**2 * now.accelerations)

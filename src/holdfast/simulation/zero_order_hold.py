@@ -22,7 +22,7 @@ from holdfast.simulation.stops import ALIKE, MOST_STEPS
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State, parts_of
 
-MOST_KNOWN = 256  # samples
+MOST_KNOWN = 512  # samples
 
 
 @dataclass(frozen=True, eq=False)

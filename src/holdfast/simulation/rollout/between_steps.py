@@ -1,4 +1,4 @@
-"""What machine code finds out about systems between their steps, whatever their law."""
+"""What machine code finds out about systems between their steps."""
 
 from __future__ import annotations
 
@@ -6,15 +6,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from holdfast.dynamics.closed.chain_motion import chain_at_rest
+import numpy as np
+
+from holdfast.compiled.traced_chain import Given
+from holdfast.dynamics.closed.chain_motion import chain_at_rest, chain_motion
 from holdfast.dynamics.constraint import dimensionless_rows
+from holdfast.dynamics.projection import StepEnd, largest_gaps
 from holdfast.dynamics.smallest_forces import replaced_by_smallest
 from holdfast.forces.force_split import constant_split
 from holdfast.forces.margins import margins_of_grasps
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.questions.arrays import CONTACTS, Shape
 from holdfast.simulation.accounts import SPLIT, Forces, account_shapes, accounts
-from holdfast.simulation.rollout.traced_step import TracedSystem
+from holdfast.simulation.rollout.stage_values import SystemWithStageValues
+from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, carried, stop_code
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -69,3 +74,19 @@ ROWS = "constraint_rows"
 ACCOUNTS = SystemQuestion("accounts", _accounts, lambda chain: account_shapes(chain, bool(_split(chain))), _split)
 SMALLEST_FORCES = SystemQuestion("smallest forces", _smallest, lambda chain: {})  # these and their margins, in place
 CONSTRAINT = SystemQuestion("constraint", _rows, _shape_of_rows)
+
+
+def after_jump(model: StepModel, given: Given) -> dict[str, Array]:
+    """Return the carried arrays at the current state under torques and inputs that have jumped.
+
+    These are the bits of a step of length zero with the input `held`, whose stages and projection count for nothing.
+    """
+    system = (SystemWithStageValues if model.structure.options.stages else TracedSystem)(model, given)
+    t, at, none = system.time(0.0), system.state, np.zeros(model.structure.chain.joint_count)
+    chain, inputs = system.environment.at(t, at)
+    # as at a step's end: with configurations that were found before the velocities
+    motion = chain_motion(chain, at, none, inputs, chain_motion(chain, at, none, inputs))
+    gap = largest_gaps(chain, at, inputs, motion)
+    system.end = StepEnd(at, gap, gap, motion)
+    kept = system.results(system.evaluate(t, at, system.last("memory"), True, system.added))
+    return carried(system, kept, stop_code(system, kept, gap, gap, passed=0.0), np.zeros(4), t, np.zeros(4))

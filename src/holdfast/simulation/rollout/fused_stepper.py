@@ -38,7 +38,7 @@ from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-MOST_TOGETHER = 128  # steps
+MOST_TOGETHER = 256  # steps
 MODES = ("touch_mode", "touch_slip")  # what contacts do in a step, among the arrays of an instant
 
 

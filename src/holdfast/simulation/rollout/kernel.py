@@ -119,12 +119,12 @@ class StepKernel:
     ) -> None:
         """Store what is to be compiled at the first step; `quick` shortens the compilation at the cost of run time."""
         self.chain, self.law, self.motions, self.acting = chain, law, dict(motions or {}), acting
-        self.generic_rank, self.code = generic_rank, code
+        self.generic_rank, self.code, self._quick = generic_rank, code, quick
         self.structure = structure = code.structure(chain, options or Options(), generic_rank)
         self.carried = code.carried(chain, law, structure.options)
         self.externals = externals = code.externals(structure, law, self.carried)
         self.model = StepModel(structure, law, self.motions, acting)
-        step, slopes = code.functions(self.model, tableau)
+        step, slopes, self._instant = code.functions(self.model, tableau)
         self.step_code = batch_kernel(self.computation(f"step/{tableau.name}", externals, step), quick)
         self._slopes = batch_kernel(self.computation("evaluation", externals, slopes), quick)
         self._questions: dict[SystemQuestion, tuple[BatchKernel, Table, Mapping[str, External]]] = {}
@@ -135,6 +135,13 @@ class StepKernel:
         self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0), "notice": np.array(0.0)}
         self._required = externals.keys() - self.parameters.keys() - self.defaults.keys()
         self._own = Table(externals, self.parameters | self.defaults)
+
+    @cached_property
+    def jump_code(self) -> BatchKernel:
+        """Machine code of instants at which torques or inputs jump; the input `held` has to be set."""
+        if self._instant is None:
+            return self.step_code
+        return batch_kernel(self.computation("instant", self.externals, self._instant), self._quick)
 
     def with_new_inputs(self, tableau: Tableau) -> Computation:
         """Return the computation of a step that also evaluates the slope at its start, as its inputs have changed."""

@@ -22,6 +22,7 @@ from holdfast.questions.arrays import BASE_MOTION, CONTACTS, link_parameters, sh
 from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.rollout import stage_values, traced_impulses, traced_modes, traced_step
+from holdfast.simulation.rollout.between_steps import after_jump
 from holdfast.simulation.rollout.traced_step import StepModel
 from holdfast.simulation.rollout.varied_step import VariedSystem
 from holdfast.simulation.runge_kutta import Tableau
@@ -105,12 +106,18 @@ def _parameters(chain: ClosedChain, generic_rank: int) -> dict[str, Array]:
     return parameters_of(chain, generic_rank) | {"limits": np.array(joint_limits(chain))}
 
 
-def _functions(model: StepModel, tableau: Tableau) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def _functions(model: StepModel, tableau: Tableau) -> StepFunctions:
     options = model.structure.options
     take_step = stage_values.step if options.stages else traced_step.step
     take_step = traced_impulses.step if options.contacts else take_step
     take_step = traced_modes.step if options.contacts == traced_modes.IN_MODES else take_step
-    return partial(take_step, model, tableau), partial(traced_step.evaluation, model)
+    instant = None if options.contacts else partial(after_jump, model)
+    return partial(take_step, model, tableau), partial(traced_step.evaluation, model), instant
+
+
+# of a step, of the slopes at the current states, and of an instant at which torques or inputs jump; None: a step of
+# length zero that holds the state
+StepFunctions = tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any] | None]
 
 
 class StepCode(NamedTuple):
@@ -121,7 +128,7 @@ class StepCode(NamedTuple):
         carried: returns the shapes of the arrays that a system carries between two steps, of chain, law and options.
         externals: returns the arrays of a step, of the structure, the law and the carried shapes.
         parameters: returns a chain's own parameters, of the chain and a generic rank.
-        functions: returns the functions of a step, and of the slopes at the current states.
+        functions: returns the functions of a step.
         varied: the class of systems in which some of the numbers carry derivatives.
         constant: whether most numbers of the chain are constants of the code, and some joints are passive.
     """
@@ -130,7 +137,7 @@ class StepCode(NamedTuple):
     carried: Callable[[ClosedChain, ControlLaw, Options], dict[str, Shape]]
     externals: Callable[[Structure, ControlLaw, Mapping[str, Shape]], dict[str, External]]
     parameters: Callable[[ClosedChain, int], dict[str, Array]]
-    functions: Callable[[StepModel, Tableau], tuple[Callable[..., Any], Callable[..., Any]]]
+    functions: Callable[[StepModel, Tableau], StepFunctions]
     varied: Any
     constant: bool = False
 

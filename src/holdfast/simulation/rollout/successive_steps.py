@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -57,9 +58,9 @@ class SuccessiveSteps:
     """
 
     def __init__(self, kernel: StepKernel, steps: int, points: int) -> None:
-        """Reserve the memory; the machine code is made if there is none yet."""
+        """Reserve the memory."""
         self.kernel = kernel
-        self._ends, self._starts = CarriedArrays(kernel, steps, points), CarriedArrays(kernel, steps, 1)
+        self._ends, self._starts = CarriedArrays(kernel, steps, points), CarriedArrays(kernel, steps, 1, jump=True)
         self.ends, self.starts = self._ends.arrays, self._starts.arrays
         self._taken: tuple[Array, Mapping[str, Array], Array, Driven | None] | None = None
         self._again: dict[int, CarriedArrays] = {}
@@ -152,8 +153,9 @@ class CarriedArrays:
         begin: (runs, systems) times at which the steps begin [s].
     """
 
-    def __init__(self, kernel: StepKernel, runs: int, systems: int) -> None:
-        self._kernel = kernel
+    def __init__(self, kernel: StepKernel, runs: int, systems: int, *, jump: bool = False) -> None:
+        """Reserve the memory; with `jump`, each run is no step, but an instant at which torques or inputs jump."""
+        self._kernel, self._systems, self._jump = kernel, systems, jump
         sizes = {name: int(np.prod(shape)) for name, shape in kernel.carried.items()}
         self._order = sorted(sizes, key=lambda name: name not in ANEW)
         size, self.anew = sum(sizes.values()), sum(sizes[name] for name in sizes if name in ANEW)
@@ -171,7 +173,7 @@ class CarriedArrays:
         if kernel.structure.options.stages:
             places[f"control.{VALUES}"] = self.values, self.values[0, 0].size
         self._places = kernel.table({}).places(places)
-        self._take, self._first, self._apart = kernel.step_code.repeatedly(systems), 0, 0
+        self._first, self._apart = 0, 0
         self._kept: tuple[Any, ...] = ()
 
     def of_system(self, system: Systems) -> Array:
@@ -201,5 +203,10 @@ class CarriedArrays:
         self.begin[0, 0], self._step[0, 0] = begin, step
 
     def run(self, k: int) -> None:
-        """Take the step of a run."""
+        """Take the step of a run; the machine code is made if there is none yet."""
         self._take(self._first + k * self._apart)
+
+    @cached_property
+    def _take(self) -> Callable[[int], None]:
+        code = self._kernel.jump_code if self._jump else self._kernel.step_code
+        return code.repeatedly(self._systems)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -40,7 +40,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import OF_WORK
 from holdfast.simulation.joint_friction import friction_torque
 from holdfast.simulation.mechanism_stepper import increment
-from holdfast.simulation.rollout.step_code import STEP_INPUTS, carried_externals, own_shapes
+from holdfast.simulation.rollout.step_code import STEP_INPUTS, StepFunctions, carried_externals, own_shapes
 from holdfast.simulation.rollout.traced_step import StepModel, TracedSystem, evaluation_of, step_of
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import StepResult
@@ -271,6 +271,6 @@ def mechanism_parameters(chain: ClosedChain, generic_rank: int) -> dict[str, Arr
     return own | {"limits": np.array(joint_limits(chain)), CONTACTS: contacts}
 
 
-def mechanism_functions(model: StepModel, tableau: Tableau) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return the functions of a step and of its slopes; see `StepCode`."""
-    return partial(step, model, tableau), partial(evaluation, model)
+def mechanism_functions(model: StepModel, tableau: Tableau) -> StepFunctions:
+    """Return the functions of a step; see `StepCode`."""
+    return partial(step, model, tableau), partial(evaluation, model), None
