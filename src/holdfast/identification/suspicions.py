@@ -46,7 +46,7 @@ LONGEST_INTERVAL = 1.0  # s between samples, above which times are hardly second
 FASTEST = 30.0  # rad/s, or five times a joint's limit, above which no joint turns
 DISAGREE, MUCH_BETTER = 0.3, 0.4  # squared residual of the model, relative to its size or to that of another guess
 JUDGED = 60  # samples by which guesses are compared
-AT_ONCE = 30  # guesses that machine code evaluates together
+GUESSES_AT_ONCE = 30  # that machine code evaluates together
 
 
 Needs = Callable[[Sequence[Recording]], RecordedRows]
@@ -234,7 +234,7 @@ def _guesses(names: list[str], recordings: Sequence[Recording], unknowns: Machin
         return []
     best, said = MUCH_BETTER * here, ""
     guesses = iter(_undone(names, few, by))
-    while group := list(islice(guesses, AT_ONCE)):
+    while group := list(islice(guesses, GUESSES_AT_ONCE)):
         rows = needs([one for _, changed in group for one in changed])
         needed, had = _needed(rows, unknowns)
         if needed.shape[1] != len(sizes):
