@@ -450,3 +450,17 @@ def test_jacobian_that_nothing_changes():
     expected = holdfast.dynamics.tip_jacobian(gantry, none)
     np.testing.assert_array_equal(compiled.jacobian(none)["gantry"], expected)
     np.testing.assert_array_equal(compiled.jacobian(np.zeros((3, 2)))["gantry"], [expected] * 3)
+
+
+def test_mobility_that_nothing_changes():
+    """A rigid object on three slides moves as its mass and those of the links above each slide allow, wherever it is.
+
+    The filter reads what depends on parameters only from groups that nothing else calls.
+    """
+    slides = [holdfast.Joint("prismatic", axis) for axis in np.eye(3)]
+    gantry = holdfast.Arm(slides, [holdfast.Link(m, inertia=np.eye(3)) for m in (1.0, 2.0, 4.0)])
+    box = holdfast.HeldObject.box(8.0, 0.1, 0.1, 0.1)
+    chain = holdfast.ClosedChain({"gantry": gantry}, box, {"gantry": holdfast.Grasp("rigid")})
+    moved = [0.3, -0.2, 0.1]
+    found = holdfast.compile(chain).object_mobility(moved, [1.0, 0.0, 0.0, 0.0, *moved])
+    np.testing.assert_allclose(found, np.diag([0.0, 0.0, 0.0, 1 / 15, 1 / 14, 1 / 12]), atol=1e-15)

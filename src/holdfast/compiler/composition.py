@@ -339,6 +339,13 @@ class Composition:
         if group.done == 0:
             self._call(group)
 
+    def call_first(self, groups: Sequence[TracedGroup]) -> None:
+        """Call groups before all others, which read from them what depends on parameters only."""
+        others, self.phase_calls = self.phase_calls, []
+        for group in groups:
+            self.call_once(group)
+        self.phase_calls += others
+
     def _call(self, group: TracedGroup) -> None:
         if group.turns is not None:
             self._call_turns(group.turns)

@@ -373,6 +373,10 @@ def derived(
             traced.call_once(traced.origins[node].group)
     derivation = Derivation(traced, externals, given, fused)
     derivation.needed.follow(results)
+    if uncalled := [group for group in traced.groups if group.done == 0 and group in derivation.needed.read]:
+        traced.call_first(uncalled)
+        derivation = Derivation(traced, externals, given, fused)
+        derivation.needed.follow(results)
     derivation.regions()
     derivation.results(found)
     return derivation.schedule(status, guarded)

@@ -17,6 +17,7 @@ class Needed:
         inputs: the needed inputs of each group's region.
         alike: lists of groups that have the same region. What one of them needs is passed to all of them, so that
             they share their code.
+        read: the groups of which the glue or other groups read something that is needed.
     """
 
     def __init__(self, traced: Composition) -> None:
@@ -27,6 +28,7 @@ class Needed:
         self._first = {group: alike[0] for alike in self.alike for group in alike}
         self._like = {alike[0]: alike for alike in self.alike}
         of_first: dict[TracedGroup, set[Node]] = {alike[0]: set() for alike in self.alike}
+        self.read: set[TracedGroup] = set()
         self.inputs = {group: of_first[self._first[group]] for group in traced.groups}
         self._given = {
             group: {node: (source, k) for source in group.sources for k, node in enumerate(source.inputs)}
@@ -49,9 +51,12 @@ class Needed:
                         elsewhere += self._origin(node) if group is None else self._given_to(group, node)
 
     def _origin(self, node: Node) -> list[tuple[TracedGroup | None, list[Node]]]:
-        """Return the group and the region node that an input of the glue is an image of, if it is one."""
+        """Note and return the group and the region node that an input of the glue is an image of, if it is one."""
         origin = self.traced.origins.get(node)
-        return [] if origin is None else [(self._first[origin.group], [origin.node])]
+        if origin is None:
+            return []
+        self.read.add(origin.group)
+        return [(self._first[origin.group], [origin.node])]
 
     def _given_to(self, group: TracedGroup, node: Node) -> list[tuple[TracedGroup | None, list[Node]]]:
         """Mark an input of a region as needed; return the nodes that feed it in all groups of that region."""

@@ -12,7 +12,7 @@ from holdfast.simulation.balance import Sums
 from holdfast.simulation.events import Occurrence
 from holdfast.simulation.mechanism_margins import MechanismSignals
 from holdfast.simulation.mechanism_moment import MechanismMoment
-from holdfast.simulation.sample import Samples, lowest_joints, lowest_of
+from holdfast.simulation.sample import Samples, lowest_joints
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
@@ -33,16 +33,9 @@ def mechanism_sample(
     occurrences: tuple[Occurrence, ...] = (),
 ) -> Trajectory:
     """Return a run of one sample; arguments as for `sample.sample`, with the signals of the chain at that time."""
-    before, after = zip(gaps.position, gaps.velocity, strict=True)
     of_rows = margins[-1:, : len(signals.rows)]
-    one = Samples(
-        np.array([at.t]),
-        _arrays(signals, at),
-        (of_rows, of_rows, of_rows),
-        np.array([[*before, *after]]),
-        sums.work[None],
-        *lowest_of(times[None], margins[None]),
-    )
+    allowed = of_rows, of_rows, of_rows
+    one = Samples.of_one(at.t, _arrays(signals, at), allowed, gaps, sums.work, times, margins)
     found = {name: np.asarray(getattr(at.account, name))[None] for name in OF_ACCOUNT}
     return mechanism_recorded(signals, found, one, sums, names, occurrences)
 

@@ -59,6 +59,32 @@ class Samples(NamedTuple):
     lowest: Array
     lowest_time: Array
 
+    @classmethod
+    def of_one(
+        cls,
+        t: float,
+        arrays: Mapping[str, Array],
+        allowed: tuple[Array, Array, Array],
+        gaps: Gaps,
+        work: Array,
+        times: Array,
+        margins: Array,
+    ) -> Samples:
+        """Return one sample.
+
+        Args:
+            t: its time [s].
+            arrays: its `arrays`.
+            allowed: its `margins`.
+            gaps: position and velocity gaps before and after projection.
+            work: (4,) since the run's start [J].
+            times: (k,) times since the previous sample at which the margins of signals were evaluated.
+            margins: (k, signals) margins at these times.
+        """
+        before, after = zip(gaps.position, gaps.velocity, strict=True)
+        rest = np.array([[*before, *after]]), work[None], *lowest_of(times[None], margins[None])
+        return cls(np.array([t]), arrays, allowed, *rest)
+
 
 def arrays_of(at: Instant) -> dict[str, Array]:
     """Return the arrays of an instant by the names of machine code, with a sample axis of length 1."""
@@ -134,16 +160,9 @@ def sample(
         names: the arrays to record.
         occurrences: what has happened since the previous sample.
     """
-    before, after = zip(gaps.position, gaps.velocity, strict=True)
     now, best, worst = _allowed_margins(at)
-    one = Samples(
-        np.array([at.t]),
-        arrays_of(at),
-        (now[None], best[None], worst[None]),
-        np.array([[*before, *after]]),
-        sums.work[None],
-        *lowest_of(times[None], margins[None]),
-    )
+    allowed = now[None], best[None], worst[None]
+    one = Samples.of_one(at.t, arrays_of(at), allowed, gaps, sums.work, times, margins)
     return recorded(environment, accounting, one, sums, names, occurrences)
 
 

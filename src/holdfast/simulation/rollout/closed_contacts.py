@@ -66,8 +66,8 @@ class ClosedContactStepper(FusedStepper):
         """Return the results of single steps; see `Stepper`. The slip directions of `now` hold for them."""
         if not self.follows(now):
             return self.stages.advance(now, ends)
-        turning = [t for t in ends if not self._modes_within(now, t).straight]
-        found = {one.t: one for one in super().advance(now, turning)} if turning else {}
+        whole = [t for t in ends if not self._modes_within(now, t).straight]
+        found = {one.t: one for one in super().advance(now, whole)} if whole else {}
         if left := [t for t in ends if t not in found or found[t].instant is None]:
             found |= {one.t: self._again(one, now) for one in self.stages.advance(now, left)}
         return [found[t] for t in ends]
@@ -95,10 +95,8 @@ class ClosedContactStepper(FusedStepper):
         systems = super().start_of(now, count)
         _enter(systems, self._modes_at(now))
         turning, stops = (np.inf, np.inf) if now.touch is None else (now.touch.turning_time, now.touch.stops_in)
-        systems["touch_turning"][...], systems["touch_stops"][...] = (
-            np.minimum(turning, FOREVER),
-            np.minimum(stops, FOREVER),
-        )
+        systems["touch_turning"][...] = np.minimum(turning, FOREVER)
+        systems["touch_stops"][...] = np.minimum(stops, FOREVER)
         return systems
 
     def modes_before(self, starts: Mapping[str, Array], k: int, modes: ContactModes | None) -> ContactModes | None:
