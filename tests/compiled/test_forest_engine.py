@@ -24,7 +24,7 @@ from tests.systems.branched import branched_problems, palletiser, two_arms_with_
 from tests.systems.random_forests import random_forest
 
 SLOW, LONG = pytest.mark.slow, pytest.mark.long
-SEEDS = [4, *(pytest.param(k, marks=SLOW if k in (0, 2, 8) else LONG) for k in range(12) if k != 4)]
+SEEDS = [4, *(pytest.param(k, marks=SLOW if k in (0, 2) else LONG) for k in range(12) if k != 4)]
 
 
 @pytest.mark.slow

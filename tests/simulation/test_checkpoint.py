@@ -14,7 +14,7 @@ from holdfast.simulation.checkpoint import Checkpoint, packed, unpacked
 from holdfast.simulation.events import Attach, Release
 from holdfast.simulation.simulate import simulate
 from holdfast.simulation.stepper import ReferenceStepper
-from tests.longer import mostly_long, mostly_slow
+from tests.longer import mostly_long
 from tests.simulation.gantries import contact_frame, squeezed
 from tests.simulation.runs import limp
 from tests.simulation.test_external_inputs import sprung
@@ -108,11 +108,10 @@ RUNS = {
     "with branches by machine code": lambda: with_branches(scheme="dop853", rtol=1e-6),
     "by the reference": lambda: sprung_by_hand(make_stepper=ReferenceStepper),
 }
-EVENTFUL = mostly_slow(["rk4"], ()) + mostly_long(["dop853"], ())
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*mostly_slow([*RUNS][2:], ["wrenches of the state"]), *EVENTFUL])
+@pytest.mark.parametrize("name", mostly_long([*RUNS], RUNS.keys() - {"dop853", "with branches by machine code"}))
 def test_going_on_changes_no_bit(name):
     """From any checkpoint, through disk, the rest of the run is bit for bit what it was."""
     given, options = RUNS[name]()
