@@ -142,7 +142,7 @@ def test_a_pose_that_is_none_is_refused(many, monkeypatch):
     assert recording.object_pose is not None
     wrong = recording.object_pose.copy()
     wrong[3, :4] *= 1.2
-    with pytest.raises(hf.errors.StateError, match=r"object_pose: expected unit quaternions .* length 1.2 at 3 s"):
+    with pytest.raises(hf.errors.StateError, match=r"object_pose: expected unit quaternions .* got length 1.2;"):
         hf.identify(p.chain, replace(recording, object_pose=wrong), by="tau")
 
 

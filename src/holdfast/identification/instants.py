@@ -188,21 +188,21 @@ def _given(chain: ClosedChain, recording: Recording, gravity: Array) -> dict[str
         names = {"floating_pose": "base_pose", "floating_twist": "base_twist", "base": "base_acceleration"}
         found |= {name: getattr(recording, field) for name, field in names.items()}
     for name in ("object_pose", "base_pose"):
-        _require_unit_quaternions(getattr(recording, name), recording.t, name)
+        _require_unit_quaternions(getattr(recording, name), name)
     found["gravity"] = np.broadcast_to(gravity, (len(recording), 3))
     return {name: np.ascontiguousarray(x, dtype=float) for name, x in found.items() if x is not None}
 
 
-def _require_unit_quaternions(poses: Array | None, t: Array, name: str) -> None:
+def _require_unit_quaternions(poses: Array | None, name: str) -> None:
     """Refuse poses whose quaternions do not have unit length, which machine code would answer with NaN."""
     if poses is None:
         return
     lengths = np.sqrt((poses[:, :4] ** 2).sum(axis=1))
     if (off := np.abs(lengths - 1.0) > checks.ROTATION_TOLERANCE).any():
-        k = int(np.argmax(off))
+        length = lengths[int(np.argmax(off))]
         raise StateError(
-            f"recording: {name}: expected unit quaternions (w, x, y, z) first, got length {lengths[k]:.9g} at"
-            f" {t[k]:.9g} s; try dividing by it"
+            f"recording: {name}: expected unit quaternions (w, x, y, z) first, got length {length:.9g}; try dividing"
+            " by it"
         )
 
 
