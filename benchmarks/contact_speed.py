@@ -217,9 +217,9 @@ def of_runs() -> None:
     of_events("sliding on it", lowering([0.15, 0.0, -0.13]), 0.2)
 
 
-def of_events(doing: str, run: tuple[Any, ...], begin: float) -> None:
+def of_events(doing: str, run: tuple[hf.ClosedChain, hf.State, Any], begin: float) -> None:
     """Print the processor time of a step by events after a time [s], from runs with 150 and with 50 steps."""
-    kept: list[Any] = [None]
+    kept, found = list[Any]([None]), None
     if begin:
         hf.simulate(*run, begin, 1e-3, contacts="events", on_checkpoint=kept.append)
     spent: dict[int, list[float]] = {150: [], 50: []}
@@ -228,6 +228,7 @@ def of_events(doing: str, run: tuple[Any, ...], begin: float) -> None:
             now = time.process_time()
             found = hf.simulate(*run, begin + steps * 1e-3, 1e-3, contacts="events", start=kept[-1])
             all_of.append(1e3 * (time.process_time() - now))
+    assert found is not None
     closed = int((found.touch_mode[-1] != 0).sum())
     each = (min(spent[150]) - min(spent[50])) / 100
     print(f"simulate by events, {doing}, {closed} closed: {each:.2f} ms a step")

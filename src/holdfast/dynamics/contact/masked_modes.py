@@ -118,6 +118,20 @@ def forces_in_modes(
     return ForcesInModes(force, wrench, array([one[1] for one in slips]), speed, stops, turning_time, lawful)
 
 
+def gap_closing(rows: ContactRows, P: Array, modes: MaskedModes) -> Array:
+    """Return the impulse (6,) on the object that moves it onto the closed contacts; see `fixed_modes.on_contacts`."""
+    A = (modes.closed * rows.C[:, 2].T).T
+    return A.T @ imposed(P, A, A, modes.closed * rows.gap)[0]
+
+
+def slip_removing(rows: ContactRows, P: Array, twist: Array, modes: MaskedModes) -> tuple[Array, Scalar]:
+    """Return the impulse (6,) on the object that removes velocities at contacts in fixed modes, and what is left."""
+    masks = array([[s, s, c] for s, c in zip(modes.sticks, modes.closed, strict=True)])
+    A, of_world = (masks[..., None] * rows.C).reshape(-1, 6), (masks * rows.carried).reshape(-1)
+    x, left = imposed(P, A, A, A @ twist - of_world)
+    return A.T @ x, left
+
+
 def imposed(P: Array, A: Array, D: Array, b: Array) -> tuple[Array, Scalar]:
     """Return x of least norm with A P D^T x = -b, and the largest residual."""
     F = D @ (P @ (A.T @ A))

@@ -16,7 +16,13 @@ from holdfast.compiler.program import Shape
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.sequential import tips_of
-from holdfast.dynamics.contact.masked_modes import ForcesInModes, MaskedModes, forces_in_modes, imposed
+from holdfast.dynamics.contact.masked_modes import (
+    ForcesInModes,
+    MaskedModes,
+    forces_in_modes,
+    gap_closing,
+    slip_removing,
+)
 from holdfast.dynamics.contact.rows import ContactRows, contact_rows
 from holdfast.dynamics.contact.touching_chain import chain_mobility, push_response
 from holdfast.dynamics.projection import displaced_by, largest_gaps, quickened
@@ -90,19 +96,15 @@ class SystemInModes(TracedSystem):
 
     def _on_contacts(self, chain: ClosedChain, state: State) -> State:
         """Return the state moved onto the closed contacts; see `fixed_modes.on_contacts`."""
-        shut, response = self.modes.closed, push_response(chain_at_rest(chain, state), state)
-        P = response.mobility
+        response = push_response(chain_at_rest(chain, state), state)
         for _ in range(ROUNDS_ON_CONTACTS):
-            rows = _rows(chain, state)
-            A = (shut * rows.C[:, 2].T).T
-            state = displaced_by(state, response.change(A.T @ imposed(P, A, A, shut * rows.gap)[0]))
+            push = gap_closing(_rows(chain, state), response.mobility, self.modes)
+            state = displaced_by(state, response.change(push))
         rows, response = _rows(chain, state), push_response(chain_at_rest(chain, state), state)
-        self._require(largest(shut * rows.gap) <= LEFT_GAP)
-        masks = array([[s, s, c] for s, c in zip(self.modes.sticks, self.modes.closed, strict=True)])
-        A, of_world = (masks[..., None] * rows.C).reshape(-1, 6), (masks * rows.carried).reshape(-1)
-        x, left = imposed(response.mobility, A, A, A @ state.object_twist - of_world)
+        self._require(largest(self.modes.closed * rows.gap) <= LEFT_GAP)
+        push, left = slip_removing(rows, response.mobility, state.object_twist, self.modes)
         self._require(left <= LEFT_SPEED)
-        return quickened(state, response.change(A.T @ x))
+        return quickened(state, response.change(push))
 
     def _require(self, lawful: Scalar) -> None:
         self.unlawful = maximum(self.unlawful, where(lawful, 0.0, 1.0))
