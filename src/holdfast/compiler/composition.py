@@ -339,12 +339,17 @@ class Composition:
         if group.done == 0:
             self._call(group)
 
-    def call_first(self, groups: Sequence[TracedGroup]) -> None:
-        """Call groups before all others, which read from them what depends on parameters only."""
+    def call_first(self, groups: Sequence[TracedGroup]) -> bool:
+        """Call those groups that are not called yet before all others, which read what depends on parameters only.
+
+        Returns:
+            Whether there are any.
+        """
         others, self.phase_calls = self.phase_calls, []
         for group in groups:
             self.call_once(group)
-        self.phase_calls += others
+        called, self.phase_calls = bool(self.phase_calls), self.phase_calls + others
+        return called
 
     def _call(self, group: TracedGroup) -> None:
         if group.turns is not None:

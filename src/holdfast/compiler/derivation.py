@@ -36,26 +36,25 @@ class Derivation:
     """Collects the arrays and ports of a composition's schedule."""
 
     def __init__(
-        self, traced: Composition, externals: Mapping[str, External], given: Mapping[str, Leaf], fused: bool
+        self, needed: Needed, externals: Mapping[str, External], given: Mapping[str, Leaf], fused: bool
     ) -> None:
         """Start with no arrays and no wires.
 
         Args:
-            traced: the composition, completely traced.
+            needed: what the results of the completely traced composition depend on.
             externals: the caller's arrays by name.
             given: the nodes of the glue for every input and parameter, by name.
             fused: whether products and sums are fused to fma operations.
         """
-        self.traced, self.externals, self.given = traced, externals, given
+        self.traced, self.needed, self.externals, self.given = needed.traced, needed, externals, given
         self.place_of = {node: (name, k) for name, nodes in given.items() for k, node in enumerate(nodes)}
         self.internals: dict[str, Internal] = {}
-        self.ports = {group: GraphPorts() for group in traced.groups}
+        self.ports = {group: GraphPorts() for group in self.traced.groups}
         self.glue = GraphPorts()
         self.glue_outputs: list[GlueOutput] = []
-        self.needed = Needed(traced)
         self._arrays: dict[object, str] = {}
         self.stages = Stages(fused)
-        self._last = {(step.group, step.phase): k for k, step in enumerate(traced.phase_calls)}
+        self._last = {(step.group, step.phase): k for k, step in enumerate(self.traced.phase_calls)}
 
     # ---- inputs of the regions ----
 
@@ -371,12 +370,10 @@ def derived(
     for node in made_of(results):
         if node in traced.origins:
             traced.call_once(traced.origins[node].group)
-    derivation = Derivation(traced, externals, given, fused)
-    derivation.needed.follow(results)
-    if uncalled := [group for group in traced.groups if group.done == 0 and group in derivation.needed.read]:
-        traced.call_first(uncalled)
-        derivation = Derivation(traced, externals, given, fused)
-        derivation.needed.follow(results)
+    (needed := Needed(traced)).follow(results)
+    if traced.call_first([group for group in traced.groups if group in needed.read]):
+        (needed := Needed(traced)).follow(results)
+    derivation = Derivation(needed, externals, given, fused)
     derivation.regions()
     derivation.results(found)
     return derivation.schedule(status, guarded)
