@@ -15,6 +15,7 @@ from holdfast.identification.load_recording import recording_of
 from holdfast.identification.machine.identify_machine import explained, measurement_errors
 from holdfast.identification.notes import POORLY
 from holdfast.identification.recording import Recording
+from holdfast.identification.rows import ON_DRIVES
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.names import called
 from holdfast.spatial.frozen import Frozen
@@ -144,7 +145,7 @@ def _held_out(chain: ClosedChain, whole: list[Recording], others: Any, given: di
 
 def _channel_names(chain: ClosedChain, by: str) -> tuple[str, ...]:
     """Return the names of the measurements."""
-    if by in ("tau", "current"):
+    if by in ON_DRIVES:
         return tuple(chain.joint_names())
     return tuple(
         f"{name} {axis}" for name in chain.grasps for axis in (WRIST_AXES if by == "wrist_wrench" else WRIST_AXES[3:])

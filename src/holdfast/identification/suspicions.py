@@ -17,7 +17,7 @@ import numpy as np
 
 from holdfast.identification.machine.unknowns import MachineUnknowns
 from holdfast.identification.recording import Recording
-from holdfast.identification.rows import RecordedRows
+from holdfast.identification.rows import ON_DRIVES, RecordedRows
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.joint_friction import friction_torque
 from holdfast.spatial.scalar import Array
@@ -67,7 +67,7 @@ def suspicions(
     by = unknowns.by
     names = chain.joint_names()
     found = suspicions_of_motion(chain, recordings)
-    if by not in ("tau", "current"):
+    if by not in ON_DRIVES:
         return found
     needed, y = _needed(rows, unknowns)[0], rows.y
     moving = np.concatenate([one.q for one in recordings]).std(axis=0) > STILL_POSITION

@@ -22,7 +22,7 @@ from holdfast.identification.motion_noise import motion_noise
 from holdfast.identification.notes import SEEN, note_on_positions, notes_on_far, notes_on_grasps
 from holdfast.identification.payload_unknowns import plain_body
 from holdfast.identification.recording import Recording
-from holdfast.identification.rows import ON_JOINTS, RecordedRows, channels, forces_without_friction, rows_of
+from holdfast.identification.rows import ON_DRIVES, ON_JOINTS, RecordedRows, channels, forces_without_friction, rows_of
 from holdfast.identification.suspicions import suspicions
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -140,7 +140,7 @@ def identify_machine(
 
 def channel_kinds(chain: ClosedChain, by: str) -> Array:
     """Return labels of the channels, (channels,), equal for those with the same noise."""
-    if by in ("tau", "current"):
+    if by in ON_DRIVES:
         return np.arange(chain.joint_count)
     return np.tile([0, 0, 0, 1, 1, 1] if by == "wrist_wrench" else [1, 1, 1], len(chain.grasps))
 
