@@ -13,9 +13,10 @@ from holdfast.control.controller import ControlLaw, Controller, GivenLaw, Torque
 from holdfast.control.digital_law import evaluated
 from holdfast.control.gains import require_stable
 from holdfast.control.traced_law import law_key, law_of
-from holdfast.dynamics.closed.chain_motion import chain_motion, needed_wrench
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, needed_wrench
 from holdfast.dynamics.closed.chain_solution import chain_solution
-from holdfast.dynamics.closed.sequential import rest_response, sequential
+from holdfast.dynamics.closed.sequential import rest_response, sequential, tips_of, tips_under
+from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.inverse import torques
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
@@ -171,29 +172,30 @@ class ObservedTorques(Frozen):
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory."""
         own, r, flags, last = self.parts(memory)
-        change = (self._by_bodies if self.measured else self._by_object)(state, r, last, given)
+        still = chain_motion(self.chain, state, np.zeros(self.chain.joint_count), Inputs().shaped(self.chain))
+        tips: Mapping[str, TipResponse] = {}
+        if self.measured:
+            change = self._by_bodies(still, state, r, last, given)
+        else:
+            tips = tips_of(still)
+            P = rest_response(still, tips).mobility
+            change = ldl_solve(ldl(P, np.diag(P)), state.object_twist - last[:6])
         r = where(last[-1] > 0.5, r + self.gain * change, r)
         known = {name: given[name] for name in self.law.parameters if name != "external_wrench"}
         tau, kept = evaluated(self.law, self.chain.joint_count, t, state, own, known | {"external_wrench": r[:6]})
         if self.measured:
             last = [state.object_twist, state.qd, tau]
         else:
-            motion = chain_motion(self.chain, state, tau, Inputs(object_wrench=r).shaped(self.chain))
-            alpha = chain_solution(motion, sequential(motion), "auto").object_acceleration
+            motion = chain_motion(self.chain, state, tau, Inputs(object_wrench=r).shaped(self.chain), still)
+            found = sequential(motion, tips=tips_under(motion, tips))
+            alpha = chain_solution(motion, found, "auto").object_acceleration
             last = [state.object_twist + self.sample_time * alpha]
         return tau, checks.finite(concatenate([kept, r, self._flags(r, flags), *last, [1.0]]), "observed: memory")
 
-    def _by_object(self, state: State, r: Array, last: Array, given: Mapping[str, Array]) -> Array:
-        """Return L (V - V_expected), (6,)."""
-        none = np.zeros(self.chain.joint_count)
-        P = rest_response(chain_motion(self.chain, state, none, Inputs().shaped(self.chain))).mobility
-        return ldl_solve(ldl(P, np.diag(P)), state.object_twist - last[:6])
-
-    def _by_bodies(self, state: State, r: Array, last: Array, given: Mapping[str, Array]) -> Array:
+    def _by_bodies(self, motion: ChainMotion, state: State, r: Array, last: Array, given: Mapping[str, Array]) -> Array:
         """Return T (M a + b - u - r) of object and joints, (6 + n,)."""
         chain, f = self.chain, given["measured_wrenches"]
         before, rates, tau = np.split(last[:-1], [6, 6 + chain.joint_count])
-        motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
         alpha, qdd = (state.object_twist - before) / self.sample_time, (state.qd - rates) / self.sample_time
         on_object = needed_wrench(motion, alpha) - sum_at_object(motion, f)
         return self.sample_time * (concatenate([on_object, torques(motion, qdd, f) - tau]) - r)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.held_rows import strongest_rows
@@ -80,10 +81,23 @@ def tips_of(motion: ChainMotion, route: Route = "auto") -> dict[str, TipResponse
     return dict(zip(names, [*tips, *lone], strict=True))
 
 
-def rest_response(motion: ChainMotion) -> RestResponse:
+def tips_under(motion: ChainMotion, tips: Mapping[str, TipResponse]) -> dict[str, TipResponse]:
+    """Return the tip responses of a motion by those of another one at the same configuration, with their factors."""
+    arms = [motion.arms[name] for name in tips]
+    return dict(zip(tips, each(_under_load, [*tips.values()], arms), strict=True))
+
+
+def _under_load(tip: TipResponse, arm: ArmMotion) -> TipResponse:
+    assert tip.for_load is not None
+    return tip.for_load(arm)
+
+
+def rest_response(motion: ChainMotion, tips: Mapping[str, TipResponse] | None = None) -> RestResponse:
     """Return the mobility of the chain, and the rank and pivots of the constraint, at a configuration. O(n) + O(l).
 
     Args:
         motion: the chain at rest, without torques, velocities or gravity.
+        tips: the tip responses as `tips_of` returns them, if they are known.
     """
-    return object_response(motion.chain, motion.contacts, tips_of(motion), motion.body.free, motion.trunk)
+    known = tips_of(motion) if tips is None else tips
+    return object_response(motion.chain, motion.contacts, known, motion.body.free, motion.trunk)
