@@ -10,7 +10,8 @@ Then the same of forward dynamics of two Pandas whose box stands on a table, wit
 warm are three of Newton's steps. At last the time of a step of a rollout with these contacts, for each of 512 systems
 with slightly different torques, after they have landed, beside that of the midpoint rule without contacts; and the
 processor time of a step of `simulate` while two Pandas lay a box flat on a table, of its sample, and how many steps the
-reference takes; and that of a step by events while no contact is closed, while four stick, and while four slip.
+reference takes; and that of a step by events while no contact is closed, while four stick, while four slip, and while
+four carry a box on a slope that is nearly too steep, where the shares of least norm would slip.
 `--runs` prints these alone.
 """
 
@@ -215,6 +216,17 @@ def of_runs() -> None:
     of_events("above the table", lowering([0.0, 0.0, -0.1]), 0.0)
     of_events("at rest on it", lowering([0.0, 0.0, -0.1]), 0.2)
     of_events("sliding on it", lowering([0.15, 0.0, -0.13]), 0.2)
+    of_events("at rest on a slope", box_on_a_slope(0.36, 0.4), 0.0)
+
+
+def box_on_a_slope(angle: float, friction: float) -> tuple[hf.ClosedChain, hf.State, hf.ControlLaw]:
+    """Return a box of 2 kg at rest on a slope, whose angle is given in radians."""
+    frame = hf.Pose.from_rpy(0.0, angle, 0.0)
+    slope = HalfSpace(normal=frame.R[:, 2], offset=-0.05, friction=friction)
+    touching = Touching(corners(0.2, 0.2, 0.1), {"slope": slope})
+    chain = hf.ClosedChain({}, hf.HeldObject.box(2.0, 0.2, 0.2, 0.1), {}, touching=touching)
+    none = hf.ControlLaw(lambda t, state, memory, given: (np.zeros(0), memory))
+    return chain, hf.State([], [], frame, np.zeros(6)), none
 
 
 def of_events(doing: str, run: tuple[hf.ClosedChain, hf.State, Any], begin: float) -> None:

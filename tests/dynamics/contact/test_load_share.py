@@ -24,6 +24,20 @@ def test_a_share_that_exists_is_found():
     assert left_cones > 20
 
 
+def test_many_at_once():
+    """Loads of contacts in the same modes, sliding ones among them, are shared together as alone, bit by bit."""
+    rng = np.random.default_rng(1)
+    of, sticks = np.r_[np.repeat([0, 2, 3], 3), 5, 7], np.array([1, 0, 1, 1, 0, 0, 0, 0], dtype=bool)
+    mu = np.array([0.4, 0.0, 0.1, 0.0, 0.5, 0.3, 0.2, 0.2])
+    D = rng.normal(size=(20, len(of), 6))
+    x = rng.normal(size=(20, len(of)))
+    together = within_cones(of, D, mu, sticks, x)
+    assert np.abs(together - x).max() > 0.1
+    for k in range(20):
+        assert within_cones(of, D[k], mu, sticks, x[k]).tobytes() == together[k].tobytes()
+        np.testing.assert_allclose(D[k].T @ together[k], D[k].T @ x[k], atol=1e-12)
+
+
 def _left(mu, x):
     """Return what friction leaves of each contact [N]."""
     x = x.reshape(4, 3)

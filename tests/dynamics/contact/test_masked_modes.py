@@ -73,6 +73,9 @@ def test_as_the_reference(mode, held):
 
 
 def test_loads_that_are_shared_in_another_way():
-    """Forces near the border of the cones are not answered where the load could be shared in another way."""
-    for part, lawful in ((0.5, 1.0), (0.95, 0.0)):
-        assert both(0, STICKS, along=part * 0.4)[1].lawful == lawful
+    """Near the border of the cones, the motion is that of the reference, and it is noticed that the share is not."""
+    for part, shared in ((0.5, 1.0), (0.95, 0.0)):
+        true, found = both(0, STICKS, along=part * 0.4)
+        assert found.shared == shared and found.lawful == 1.0
+        assert bool(np.abs(found.force - true.force).max() < 1e-11) is bool(shared)
+        assert np.abs(found.wrench - true.rows.wrench(true.force)).max() < 1e-11

@@ -5,8 +5,8 @@ Open contacts have rows of zeros. Forces in the range of (A P D^T)^T are those o
     K P D^T D P K y = -A^T b
 
 of size 6, corrected by the residuals of the rows themselves, which takes back what squaring costs. What takes decisions
-is not answered, but noticed (`lawful`): loads that are to be shared in another way than by least norm, and rows that
-contradict each other.
+is not answered, but noticed (`lawful`): rows that contradict each other, and loads of sliding contacts that are to be
+shared in another way than by least norm. Where nothing slides, another share (`shared`) changes no motion.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ class ForcesInModes(NamedTuple):
         speed: (k,) velocity along the direction of slip before; 0 unless slipping [m/s].
         stops_in: (k,) time in which a slip stops that does not turn; `FOREVER` for others [s].
         turning_time: the shortest time in which a slip may turn; `FOREVER` if none does [s].
-        lawful: 1 if the forces are those of `touch_with`, 0 if it has to be asked.
+        shared: 1 if `load_share` leaves the forces as they are, 0 if it has to be asked.
+        lawful: 1 if the motion is that of `touch_with`, 0 if it has to be asked.
     """
 
     force: Array
@@ -71,6 +72,7 @@ class ForcesInModes(NamedTuple):
     speed: Array
     stops_in: Array
     turning_time: Scalar
+    shared: Scalar
     lawful: Scalar
 
 
@@ -108,14 +110,15 @@ def forces_in_modes(
     size = maximum(largest(b), 1.0)
     kept = where(left <= ROWS_KEPT * size, 1.0, 0.0)
     redundant = sum(modes.closed) + 2.0 * sum(modes.sticks) - _factors(D.T @ D).kept
-    lawful = kept * maximum(where(redundant < 0.5, 1.0, 0.0), _within_cones(force, mu, modes))
+    shared = maximum(where(redundant < 0.5, 1.0, 0.0), _within_cones(force, mu, modes))
+    lawful = kept * maximum(shared, where(sum(modes.slips) < 0.5, 1.0, 0.0))
     turned = [
         _turning(rows.C[j, :2], P, u[j, :2], moving, rows.drift[j, :2], mu[j] * x[j, 2], slips[j][2], modes.slips[j])
         for j in range(k)
     ]
     speed, stops = (array([one[i] for one in turned]) for i in range(2))
     turning_time = reduce(minimum, [one[2] for one in turned], FOREVER)
-    return ForcesInModes(force, wrench, array([one[1] for one in slips]), speed, stops, turning_time, lawful)
+    return ForcesInModes(force, wrench, array([one[1] for one in slips]), speed, stops, turning_time, shared, lawful)
 
 
 def gap_closing(rows: ContactRows, P: Array, modes: MaskedModes) -> Array:

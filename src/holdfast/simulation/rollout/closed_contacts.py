@@ -1,17 +1,19 @@
 """The stepper of runs by events with closed contacts: whole steps in fixed modes by machine code.
 
-What takes decisions goes by stages: slips that begin, loads that are not shared by least norm, steps that fail.
+What takes decisions goes by stages: slips that begin, loads of sliding contacts that are not shared by least norm,
+steps that fail. Where nothing slides, the share of a load changes no motion, and is found after the steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from holdfast.dynamics.contact.fixed_modes import ContactModes, Touch
+from holdfast.dynamics.contact.load_share import within_cones
 from holdfast.dynamics.contact.masked_modes import FOREVER
 from holdfast.dynamics.contact.solved_contacts import ContactMode
 from holdfast.simulation.checkpoint import Origin
@@ -19,7 +21,7 @@ from holdfast.simulation.contact_stepper import TOUCH_WRENCH
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.between_steps import ACCOUNTS
 from holdfast.simulation.rollout.contact_stages import CompiledResponses, StagewiseContactStepper
-from holdfast.simulation.rollout.fused_stepper import FusedStepper, systems_at
+from holdfast.simulation.rollout.fused_stepper import FusedStepper, Taken, systems_at
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.rows import StageInputs, instant_of, state_rows
 from holdfast.simulation.rollout.traced_modes import IN_MODES
@@ -115,6 +117,40 @@ class ClosedContactStepper(FusedStepper):
             name: np.array([one[name] for one in found]) for name in found[0]
         }
 
+    def take(
+        self,
+        now: Instant,
+        times: Array,
+        jumps: Array,
+        remember: Callable[[int, Systems], Array | None] | None,
+    ) -> Taken:
+        """Return the results of successive steps; see `FusedStepper`."""
+        taken = super().take(now, times, jumps, remember)
+        return taken._replace(again=lambda steps, lengths: self._with_shares(taken.again(steps, lengths)))
+
+    def _choose_forces(self, systems: Systems, t: Array) -> None:
+        super()._choose_forces(systems, t)
+        self._with_shares(systems)
+
+    def _with_shares(self, systems: Systems) -> Systems:
+        """Return systems whose loads are shared as `load_share` does; those of least norm are replaced in place."""
+        rows = np.flatnonzero((systems["touch_shared"] < 0.5) & (systems["code"] == 0.0))
+        if not len(rows):
+            return systems
+        push = systems["touch_push"][rows]
+        modes = replace(self.modes, mode=systems["touch_mode"][rows[0]].astype(int))
+        of, units = modes.imposed()
+        found = self.responses.fields_of(systems["object_pose"][rows], systems["object_twist"][rows])
+        D = np.einsum("smia,mi->sma", found["C"][:, of], units)
+        x = np.einsum("smi,mi->sm", push[:, of], units)
+        share = within_cones(of, D, self.responses.friction, modes.mode == ContactMode.STICKS, x)
+        push = np.zeros(push.shape)
+        np.add.at(push, (slice(None), of), share[..., None] * units)
+        systems["touch_push"][rows] = push
+        systems["touch_force"][rows] = np.einsum("ska,skai->ski", push, found["axes"])
+        systems["touch_shared"][rows] = 1.0
+        return systems
+
     def instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         """Return one of several systems as an instant with its contacts; see `FusedStepper`."""
         made = super().instant(systems, row, t, memory)
@@ -147,7 +183,7 @@ class ClosedContactStepper(FusedStepper):
         _enter(systems, modes)
         inputs = self._inputs(np.array([t]), np.array(0.0), True) | {"keep_rows": np.array(0.0)}
         self.kernel.run(systems, inputs, {})
-        return self.instant(systems, 0, t, memory) if systems["code"][0] == 0.0 else None
+        return self.instant(self._with_shares(systems), 0, t, memory) if systems["code"][0] == 0.0 else None
 
     def _whole(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         given, push = self._acting.object_wrench, systems[TOUCH_WRENCH][row]

@@ -71,6 +71,20 @@ class CompiledResponses(RestResponses):
     def _rows(self) -> Bound:
         return self._code_of_rows.bind()
 
+    @cached_property
+    def friction(self) -> Array:
+        """Coefficients of friction, (k,)."""
+        return self._of_shapes("friction")
+
+    @cached_property
+    def restitution(self) -> Array:
+        """Coefficients of restitution, (k,)."""
+        return self._of_shapes("restitution")
+
+    def _of_shapes(self, name: str) -> Array:
+        assert self.touched.touching is not None
+        return np.array([getattr(one.shape, name) for one in self.touched.touching.candidates])
+
     def rows(self, state: State) -> ContactRows:
         """Return the contacts' rows."""
         return self.rows_of(state.object_pose, state.object_twist)
@@ -80,23 +94,23 @@ class CompiledResponses(RestResponses):
         of = self._rows
         of.arrays["object_pose"][...], of.arrays["object_twist"][...] = pose, twist
         of.run()
-        assert self.touched.touching is not None
-        shapes = [one.shape for one in self.touched.touching.candidates]
-        mu, e = (np.array([getattr(one, name) for one in shapes]) for name in ("friction", "restitution"))
         gap, C, drift, carried, point, axes = (of.arrays[name].copy() for name in ContactRows._fields[:6])
-        return ContactRows(gap, C, drift, carried, point, axes, mu, e)
+        return ContactRows(gap, C, drift, carried, point, axes, self.friction, self.restitution)
 
     def gaps_of(self, pose: Array, twist: Array) -> Array:
         """Return the contacts' gaps (..., k) of objects with poses (..., 7) and twists (..., 6), as in `rows`."""
+        return self.fields_of(pose, twist)["gap"]
+
+    def fields_of(self, pose: Array, twist: Array) -> dict[str, Array]:
+        """Return gaps, directions and axes of contacts as in `rows`, (..., k, ...), of objects as in `gaps_of`."""
         code = self._code_of_rows
         lead = pose.shape[:-1]
         count = math.prod(lead)
         given = {"object_pose": pose, "object_twist": twist}
         arrays = {name: np.ascontiguousarray(x).reshape(count, -1) for name, x in given.items()}
-        outputs = {name: one.shape for name, one in code.externals.items() if name not in given}
-        arrays |= {name: np.empty((count, *shape)) for name, shape in outputs.items()}
-        code.run_arrays(arrays, count, threads=1)
-        return arrays["gap"].reshape(*lead, -1)
+        outputs = {name: np.empty((count, *one.shape)) for name, one in code.externals.items() if name not in given}
+        code.run_arrays(arrays | outputs, count, threads=1)
+        return {name: x.reshape(*lead, *x.shape[1:]) for name, x in outputs.items()}
 
     def gaps(self, state: State) -> Gap:
         """Return the largest position and velocity residuals of any grasp."""

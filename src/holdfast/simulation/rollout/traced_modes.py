@@ -46,11 +46,13 @@ LEFT_GAP, LEFT_SPEED = 1e-14, 1e-12  # m, m/s: what they may leave at closed con
 def carried_in_modes(chain: ClosedChain) -> dict[str, Shape]:
     """Return the shapes of the arrays that systems carry besides those of every touching chain, by name.
 
-    They are the forces in contact axes, the directions of slip, and `Touch.slip_speed`, `stops_in` and `turning_time`.
+    They are the forces in contact axes, the directions of slip, `Touch.slip_speed`, `stops_in` and `turning_time`, and
+    `ForcesInModes.shared`.
     """
     assert chain.touching is not None
     k = len(chain.touching.candidates)
-    return {"touch_push": (k, 3), "touch_slip": (k, 3), "touch_speed": (k,), "touch_stops": (k,), "touch_turning": ()}
+    of_each = dict.fromkeys(("touch_push", "touch_slip"), (k, 3)) | dict.fromkeys(("touch_speed", "touch_stops"), (k,))
+    return of_each | {"touch_turning": (), "touch_shared": ()}
 
 
 class SystemInModes(TracedSystem):
@@ -122,6 +124,7 @@ class SystemInModes(TracedSystem):
             "touch_speed": found.speed,
             "touch_stops": found.stops_in,
             "touch_turning": array(found.turning_time),
+            "touch_shared": array(found.shared),
         }
 
     def _with_push(self, inputs: Inputs) -> Inputs:
