@@ -4,6 +4,8 @@ import mpmath
 import numpy as np
 import pytest
 
+from holdfast.compiler.interpret import interpret
+from holdfast.compiler.trace import trace
 from holdfast.spatial.linalg import (
     back_substitution,
     cholesky,
@@ -12,6 +14,7 @@ from holdfast.spatial.linalg import (
     in_range,
     ldl,
     ldl_solve,
+    least_solution,
 )
 from tests.spatial.dual import duals, slopes_of
 
@@ -202,3 +205,16 @@ def test_part_in_a_range_that_is_nearly_lost(apart):
     b = random.normal(size=9)
     found = in_range(np.array([a, a + apart * c, a - apart * c + 1e-14 * e]).T, b, 2)
     assert np.abs(found - (a @ b) * a - (c @ b) * c).max() < 1e-15 / apart + 1e-13 / apart
+
+
+@pytest.mark.parametrize(("m", "n"), [(1, 1), (6, 7), (7, 3), (6, 12)])
+def test_smallest_least_squares(m, n):
+    """Solutions of all ranks are those of a singular value decomposition, also where they are traced."""
+    random = np.random.default_rng(m + n)
+    program = trace(lambda A, b: (least_solution(A, b),), [(m, n), (m,)])
+    for rank in range(min(m, n) + 1):
+        for _ in range(5):
+            A, b = random.normal(size=(m, rank)) @ random.normal(size=(rank, n)), random.normal(size=m)
+            expected = np.linalg.pinv(A, rcond=1e-6) @ b
+            for found in (least_solution(A, b), interpret(program, A, b)[0]):
+                np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * max(1.0, np.abs(expected).max()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -122,19 +122,53 @@ def least_solution(A: Array, b: Array) -> Array:
 def pseudo_solution(S: Array, b: Array) -> Array:
     """Return S^+ b for a positive semidefinite matrix, the least-squares solution with the smallest norm.
 
-    With S = W D W^T (`largest_first`), the pseudo-inverse is W G D^+ G W^T, where G = (W^T W)^+.
+    With S = W D W^T, the largest remaining diagonal entry first, the pseudo-inverse is W G D^+ G W^T, where
+    G = (W^T W)^+.
 
     Args:
         S: (m, m), rows in one unit; eigenvalues below 1e-12 of the largest diagonal entry count as zero.
         b: (m,).
     """
-    d, w = largest_first(S, array([reduce(maximum, np.diag(S), 0.0)] * len(S)))
-    W = array(w).T
-    gram = W.T @ W
-    factors = ldl(gram, np.ones(len(d)))  # a null column drops out by itself
-    y = ldl_solve(factors, W.T @ b)
-    inverse = [where(x > 0.0, 1.0 / where(x > 0.0, x, 1.0), 0.0) for x in d]
-    return W @ ldl_solve(factors, array(inverse) * y)
+    least = RANK_TOLERANCE * reduce(maximum, np.diag(S), 0.0)
+    n, S, b, W = len(S), S.tolist(), b.tolist(), np.zeros(S.shape).tolist()  # lower triangles
+    inverse, exchanges = [], []
+    for k in range(n):
+        for i in range(k + 1, n):
+            exchanges.append((S[i][i] > S[k][k], k, i))
+            _exchange(*exchanges[-1], S, W, b)
+        alive = S[k][k] > least
+        inverse.append(where(alive, 1.0 / where(alive, S[k][k], 1.0), 0.0))
+        W[k][k] = where(alive, 1.0, 0.0)
+        for i in range(k + 1, n):
+            W[i][k] = S[i][k] * inverse[k]
+            for j in range(k + 1, i + 1):
+                S[i][j] = S[i][j] - W[i][k] * S[j][k]
+    W = array(W)
+    null = np.diag([1.0 - row[k] for k, row in enumerate(W)])  # of columns of zeros
+    L, pivots = root_free_cholesky(W.T @ W + null)
+    y = back_substitution(L, forward_substitution(L, W.T @ array(b)) * reciprocal(pivots))
+    x = W @ back_substitution(L, forward_substitution(L, array(inverse) * y) * reciprocal(pivots))
+    for condition, k, i in reversed(exchanges):
+        x[k], x[i] = where(condition, x[i], x[k]), where(condition, x[k], x[i])
+    return x
+
+
+def _exchange(condition: Scalar, k: int, i: int, S: list[list[Any]], W: list[list[Any]], b: list[Any]) -> None:
+    """Exchange rows k and i > k of S, of its columns as well, of W, and of b, in place, if the condition holds.
+
+    Args:
+        condition: the condition.
+        k: a row, of which S has columns from k on.
+        i: another one.
+        S: a symmetric matrix, of which the lower triangle counts.
+        W: a matrix with the columns 0 to k - 1.
+        b: a vector.
+    """
+    pairs = [((S[k], k), (S[i], i)), ((b, k), (b, i))]
+    pairs += [((W[k], j), (W[i], j)) for j in range(k)]
+    pairs += [((S[j], k), (S[max(i, j)], min(i, j))) for j in range(k + 1, len(b)) if j != i]
+    for (one, p), (other, q) in pairs:
+        one[p], other[q] = where(condition, other[q], one[p]), where(condition, one[p], other[q])
 
 
 def in_range(A: Array, b: Array, rank: int) -> Array:
