@@ -352,6 +352,12 @@ def test_the_model_loads_little():
     assert loaded == {"errors", "model", "names", "outer", "spatial", "state"}
 
 
+def test_commands_load_what_they_need():
+    """Simulating and reading results take no library that only some chains or pictures need."""
+    code = "import sys, holdfast.cli.simulate, holdfast.cli.results; print(*{m.split('.')[0] for m in sys.modules})"
+    assert not {"scipy", "matplotlib", "pyarrow", "viser"} & set(fresh(code).split())
+
+
 def test_the_list_of_commands_loads_no_command():
     """`holdfast --help` reads the commands' descriptions without importing what they run."""
     code = "import sys; from holdfast.cli import main; main(['--help']); print(*sys.modules)"

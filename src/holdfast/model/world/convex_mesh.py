@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from holdfast.errors import MissingExtra, ModelError
 from holdfast.model import checks
@@ -48,17 +47,19 @@ class ConvexMesh(WorldShape):
                 f" {vertices.shape}"
             )
         object.__setattr__(self, "vertices", vertices)
-        try:
-            assert len(self.hull)
-        except QhullError as cause:
-            raise ModelError(
-                f"{self.what}: vertices: expected points that do not lie in one plane, got a hull without volume"
-            ) from cause
+        assert len(self.hull)
 
     @frozen_property
     def hull(self) -> tuple[Array, Array]:
         """The corners (c, 3) of the hull and its triangles (f, 3), counter-clockwise seen from outside."""
-        found = ConvexHull(self.vertices)
+        from scipy.spatial import ConvexHull, QhullError  # imported here because it takes half a second
+
+        try:
+            found = ConvexHull(self.vertices)
+        except QhullError as cause:
+            raise ModelError(
+                f"{self.what}: vertices: expected points that do not lie in one plane, got a hull without volume"
+            ) from cause
         corners = found.vertices
         number = np.full(len(self.vertices), -1)
         number[corners] = np.arange(len(corners))
