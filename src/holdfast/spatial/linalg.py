@@ -129,24 +129,27 @@ def pseudo_solution(S: Array, b: Array) -> Array:
         S: (m, m), rows in one unit; eigenvalues below 1e-12 of the largest diagonal entry count as zero.
         b: (m,).
     """
-    least = RANK_TOLERANCE * reduce(maximum, np.diag(S), 0.0)
-    n, S, b, W = len(S), S.tolist(), b.tolist(), np.zeros(S.shape).tolist()  # lower triangles
-    inverse, exchanges = [], []
+    n, least = len(S), RANK_TOLERANCE * reduce(maximum, np.diag(S), 0.0)
+    rest: list[list[Any]] = S.tolist()  # of which the lower triangle counts
+    known: list[list[Any]] = [[0.0] * n for _ in range(n)]
+    right: list[Any] = b.tolist()
+    inverse, exchanges = list[Scalar](), list[tuple[Scalar, int, int]]()
     for k in range(n):
         for i in range(k + 1, n):
-            exchanges.append((S[i][i] > S[k][k], k, i))
-            _exchange(*exchanges[-1], S, W, b)
-        alive = S[k][k] > least
-        inverse.append(where(alive, 1.0 / where(alive, S[k][k], 1.0), 0.0))
-        W[k][k] = where(alive, 1.0, 0.0)
+            exchanges.append((rest[i][i] > rest[k][k], k, i))
+            _exchange(*exchanges[-1], rest, known, right)
+        pivot = rest[k][k]
+        alive = pivot > least
+        inverse.append(where(alive, 1.0 / where(alive, pivot, 1.0), 0.0))
+        known[k][k] = where(alive, 1.0, 0.0)
         for i in range(k + 1, n):
-            W[i][k] = S[i][k] * inverse[k]
+            known[i][k] = rest[i][k] * inverse[k]
             for j in range(k + 1, i + 1):
-                S[i][j] = S[i][j] - W[i][k] * S[j][k]
-    W = array(W)
+                rest[i][j] = rest[i][j] - known[i][k] * rest[j][k]
+    W = array(known)
     null = np.diag([1.0 - row[k] for k, row in enumerate(W)])  # of columns of zeros
     L, pivots = root_free_cholesky(W.T @ W + null)
-    y = back_substitution(L, forward_substitution(L, W.T @ array(b)) * reciprocal(pivots))
+    y = back_substitution(L, forward_substitution(L, W.T @ array(right)) * reciprocal(pivots))
     x = W @ back_substitution(L, forward_substitution(L, array(inverse) * y) * reciprocal(pivots))
     for condition, k, i in reversed(exchanges):
         x[k], x[i] = where(condition, x[i], x[k]), where(condition, x[k], x[i])

@@ -145,7 +145,7 @@ class ClosedContactStepper(FusedStepper):
         x = np.einsum("smi,mi->sm", push[:, of], units)
         share = within_cones(of, D, self.responses.friction, modes.mode == ContactMode.STICKS, x)
         push = np.zeros(push.shape)
-        np.add.at(push, (slice(None), of), share[..., None] * units)
+        np.add.at(push.swapaxes(0, 1), of, (share[..., None] * units).swapaxes(0, 1))
         systems["touch_push"][rows] = push
         systems["touch_force"][rows] = np.einsum("ska,skai->ski", push, found["axes"])
         systems["touch_shared"][rows] = 1.0
