@@ -23,7 +23,7 @@ test: style
 	HOLDFAST_COMPILE=quick $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not long"; tests=$$?; \
 	wait $$types && exit $$tests
 
-# Tests of seconds each: whole examples, their types by mypy, pages of the documentation, further chains and schemes (some half an hour).
+# Tests of seconds each: whole examples, their types by mypy, pages of the documentation, further chains and schemes (half an hour, or an hour on slow processors).
 test-slow: $(VENV)/.dev
 	HOLDFAST_COMPILE=quick $(BIN)/python -m pytest -n 2 --dist worksteal -m "slow and not long"
 
